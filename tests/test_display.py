@@ -97,6 +97,15 @@ def test_the_types_of_results_include_those_of_fields():
     assert len(RESULT_TYPES) > 150
 
 
+def test_the_type_of_a_result_is_public():
+    functions = [inspect.unwrap(getattr(om, name)) for name in om.__all__ if not inspect.isclass(getattr(om, name))]
+    hints = [typing.get_type_hints(function)["return"] for function in functions]
+    assert len(hints) > 50
+    parts = {part for hint in hints for part in (hint, *typing.get_args(hint)) if isinstance(part, type)}
+    own = {part.__name__ for part in parts if part.__module__.startswith("omnisight.")}
+    assert own - set(om.__all__) == set()
+
+
 def test_texts_of_named_tuples_and_of_objects():
     assert repr(om.sphere(512).fov) == "FieldOfView(horizontal=360, vertical=180, diagonal=180)"
     assert repr(om.PlaceIndex()) == "PlaceIndex(0 images, 0 descriptors)"

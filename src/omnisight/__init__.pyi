@@ -5,6 +5,7 @@ from omnisight.calibration.lines.observations import LineObservations as LineObs
 from omnisight.calibration.lines.pixel_chains import PixelChains as PixelChains
 from omnisight.calibration.lines.result import LinesCalibration as LinesCalibration
 from omnisight.camera import Camera as Camera
+from omnisight.camera import FieldOfView as FieldOfView
 from omnisight.corners import read_corners as read_corners
 from omnisight.features import FeatureOptions as FeatureOptions
 from omnisight.features import Keypoints as Keypoints
@@ -12,6 +13,7 @@ from omnisight.features import Matches as Matches
 from omnisight.features import detect_features as detect_features
 from omnisight.features import match_features as match_features
 from omnisight.features import match_guided as match_guided
+from omnisight.formats import SaveResult as SaveResult
 from omnisight.formats import load as load
 from omnisight.formats import load_rig as load_rig
 from omnisight.formats import save as save
@@ -41,6 +43,7 @@ from omnisight.pipeline.calibration import Calibration as Calibration
 from omnisight.pipeline.capture import CaptureResult as CaptureResult
 from omnisight.pipeline.capture import capture as capture
 from omnisight.pipeline.capture_options import CaptureOptions as CaptureOptions
+from omnisight.pipeline.check_extrinsics import ExtrinsicsCheck as ExtrinsicsCheck
 from omnisight.pipeline.check_extrinsics import check_extrinsics as check_extrinsics
 from omnisight.pipeline.clip_frames import extract_frames as extract_frames
 from omnisight.pipeline.compare import compare as compare
@@ -50,9 +53,12 @@ from omnisight.pipeline.compass import compass as compass
 from omnisight.pipeline.compass import compass_rotation as compass_rotation
 from omnisight.pipeline.compass_options import CompassOptions as CompassOptions
 from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
+from omnisight.pipeline.convert import ConvertResult as ConvertResult
 from omnisight.pipeline.convert import convert as convert
+from omnisight.pipeline.convert_rig import ConvertRigResult as ConvertRigResult
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignOptions as DesignOptions
+from omnisight.pipeline.design import DesignResult as DesignResult
 from omnisight.pipeline.design import design as design
 from omnisight.pipeline.detect import detect as detect
 from omnisight.pipeline.detect_batch import detect_batch as detect_batch
@@ -66,6 +72,8 @@ from omnisight.pipeline.export import export as export
 from omnisight.pipeline.export_batch import export_batch as export_batch
 from omnisight.pipeline.export_map import MapExport as MapExport
 from omnisight.pipeline.export_map import export_map as export_map
+from omnisight.pipeline.inspect import CameraDescription as CameraDescription
+from omnisight.pipeline.inspect import RadialProfile as RadialProfile
 from omnisight.pipeline.inspect import inspect as inspect
 from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions
@@ -85,6 +93,7 @@ from omnisight.pipeline.options import StereoOptions as StereoOptions
 from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.reconstruct import reconstruct as reconstruct
 from omnisight.pipeline.rig_calibration import RigCalibration as RigCalibration
+from omnisight.pipeline.simulate import SimulatedDataset as SimulatedDataset
 from omnisight.pipeline.simulate import simulate as simulate
 from omnisight.pipeline.simulate_options import SimulateOptions as SimulateOptions
 from omnisight.pipeline.stereo import StereoResult as StereoResult
@@ -93,8 +102,10 @@ from omnisight.pipeline.stitch import StitchResult as StitchResult
 from omnisight.pipeline.stitch import stitch as stitch
 from omnisight.pipeline.stitch_batch import stitch_batch as stitch_batch
 from omnisight.pipeline.stitch_options import StitchOptions as StitchOptions
+from omnisight.pipeline.view import ViewResult as ViewResult
 from omnisight.pipeline.view import view as view
 from omnisight.pipeline.view_batch import view_batch as view_batch
+from omnisight.pipeline.view_clip import ClipViews as ClipViews
 from omnisight.pipeline.view_clip import view_clip as view_clip
 from omnisight.pipeline.view_motion import ViewMotion as ViewMotion
 from omnisight.pipeline.view_options import ViewOptions as ViewOptions
@@ -114,6 +125,7 @@ from omnisight.plots import plot_profile as plot_profile
 from omnisight.plots import plot_residuals as plot_residuals
 from omnisight.plots import plot_uncertainty as plot_uncertainty
 from omnisight.quality.camera_comparison import CameraComparison as CameraComparison
+from omnisight.quality.verdict import Verdict as Verdict
 from omnisight.ray_camera import RayCamera as RayCamera
 from omnisight.reconstructions import ExportOptions as ExportOptions
 from omnisight.reconstructions import read_reconstruction as read_reconstruction
@@ -130,6 +142,7 @@ from omnisight.targets import Detections as Detections
 from omnisight.targets.observations import Observations as Observations
 from omnisight.twoview.absolute_pose import AbsolutePose as AbsolutePose
 from omnisight.twoview.absolute_pose import resect as resect
+from omnisight.twoview.epipolar_curves import Epipoles as Epipoles
 from omnisight.twoview.epipolar_curves import epipolar_curve as epipolar_curve
 from omnisight.twoview.epipolar_curves import epipoles as epipoles
 from omnisight.twoview.rectification import Rectification as Rectification
@@ -139,6 +152,8 @@ from omnisight.twoview.relative_pose import relative_pose as relative_pose
 from omnisight.twoview.triangulation import Triangulation as Triangulation
 from omnisight.twoview.triangulation import triangulate as triangulate
 from omnisight.video_options import VideoOptions as VideoOptions
+from omnisight.view_planning.proposal import NextView as NextView
+from omnisight.view_planning.proposal import Proposal as Proposal
 from omnisight.views import Remapper as Remapper
 from omnisight.views import cube_face as cube_face
 from omnisight.views import cylinder as cylinder
