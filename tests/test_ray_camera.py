@@ -175,3 +175,11 @@ def test_a_damaged_file_is_rejected_with_a_reason(change, said, tmp_path):
     (tmp_path / "camera.json").write_text(json.dumps(data | change))
     with pytest.raises(FormatError, match=said):
         load_all(tmp_path / "camera.json")
+
+
+def test_the_field_of_view_is_that_of_a_distant_scene():
+    assert CAMERA.fov == pytest.approx(CAMERA.central(np.inf)[0].fov, abs=0.01)
+    assert CAMERA.focal == pytest.approx(om.Camera(CAMERA.model.lens, CAMERA.size).focal)
+    with pytest.raises(AttributeError, match=r"use camera\.central\(distance\)\[0\]\.K"):
+        _ = CAMERA.K
+    assert not hasattr(CAMERA, "K")

@@ -1,16 +1,18 @@
 """Non-central cameras: a model whose rays need not meet in a point, and its image."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.camera import BaseCamera, Camera
+from omnisight.camera import BaseCamera, Camera, FieldOfView
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, model_class
 from omnisight.optics.catadioptric import Catadioptric
+from omnisight.optics.central_limit import CentralLimit
 from omnisight.optics.ray_model import RayModel
 from omnisight.optics.viewpoint import best_viewpoint
 
@@ -44,6 +46,46 @@ class RayCamera(BaseCamera[RayModel]):
         super().__post_init__()
         if self.unit not in UNITS:
             raise ValueError(f"unit must be {' or '.join(UNITS)}, got {self.unit!r}")
+
+    @cached_property
+    def central_limit(self) -> Camera:
+        """The central camera that this one is for a distant scene, with its calibrated cone and covariance.
+
+        Its directions are those of the rays, whose origins do not matter at infinity. Behind an odd number of mirrors z
+        is reversed, as in `central`.
+        """
+        model = CentralLimit(self.model)
+        theta_min, theta_max = self.theta_min, self.theta_max
+        if model.axes[2] < 0:  # the axis is reversed, so the greatest angle becomes the least
+            theta_min, theta_max = (
+                0.0 if theta_max is None else np.pi - theta_max,
+                None if theta_min == 0 else np.pi - theta_min,
+            )
+        return Camera(model, self.size, theta_max=theta_max, theta_min=theta_min, covariance=self.covariance)
+
+    @property
+    def fov(self) -> FieldOfView:
+        """Field of view in degrees of a distant scene; see `Camera.fov`."""
+        return self.central_limit.fov
+
+    @property
+    def focal(self) -> float:
+        """Focal length on the axis for a distant scene: px per radian."""
+        return self.central_limit.focal
+
+    @property
+    def K(self) -> Array:
+        """Not defined for a non-central camera: it depends on the distance of the scene.
+
+        Raises
+        ------
+        AttributeError
+            Always; the message names the central camera to use.
+        """
+        raise AttributeError(
+            "a non-central camera has no camera matrix K, because the pixel of a direction depends on the distance: use"
+            " camera.central(distance)[0].K, with distance=inf for a distant scene"
+        )
 
     def rays(self, pixels: ArrayLike) -> Rays:
         return self.model.rays(pixels)

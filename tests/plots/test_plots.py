@@ -8,6 +8,7 @@ import pytest
 
 import omnisight as om
 from omnisight.models import model_class
+from omnisight.optics.models.axial import Axial
 from reporting import NAMES, UNUSED_NAMES, calibrate_detections, simulate_detections
 
 matplotlib = pytest.importorskip("matplotlib")
@@ -49,6 +50,27 @@ def test_the_profile_ends_where_the_calibration_does():
     assert lines["extrapolated"][-1, 0] > 80
 
 
+def test_the_profile_of_a_panorama_is_continuous():
+    for camera in (om.sphere(640), om.cylinder(640)):
+        theta, radius = om.plot_profile(camera).axes[0].lines[-1].get_xydata().T
+        assert theta[-1] > 175
+        np.testing.assert_allclose(radius, camera.model.fx * np.radians(theta), rtol=1e-6)
+
+
+def test_non_central_cameras_and_files_are_plotted(tmp_path):
+    covariance = 1e-6 * np.eye(len(Axial.example().params))
+    camera = om.RayCamera(Axial.example(), (960, 962), theta_max=1.5, covariance=covariance)
+    om.save(camera, tmp_path / "axial.json")
+    lens = om.plot_profile(om.Camera(camera.model.lens, camera.size)).axes[0].lines[-1].get_xydata()
+    for source in (camera, tmp_path / "axial.json", str(tmp_path / "axial.json")):
+        axes = om.plot_profile(source).axes[0]
+        assert axes.get_title() == "axial, distant scene"
+        profile = axes.lines[-1].get_xydata()
+        np.testing.assert_allclose(profile, lens[: len(profile)], atol=1e-5)
+        drawn(om.plot_uncertainty(source))
+        drawn(om.plot_cameras(source))
+
+
 def test_the_uncertainty_needs_a_covariance():
     drawn(om.plot_uncertainty(CAMERA))
     with pytest.raises(ValueError, match="the camera has no covariance"):
@@ -82,9 +104,25 @@ def test_cameras_are_drawn_in_space(calibration):
     drawn(figure)
     assert [text.get_text() for text in figure.axes[0].texts] == ["left", "right"]
     drawn(om.plot_cameras(CAMERA))
+    assert figure.axes[0].get_xlabel() == "x, m"
     boards = om.plot_cameras(calibration)
     drawn(boards)
     assert len(boards.axes[0].lines) == len(calibration.observations) + 3
+
+
+def test_a_rig_fills_the_box(tmp_path):
+    shifts = ([0.0, 0, 2.2], [1.0, 0, 0], [-1.0, 0, 0], [0.0, 0, -1.8])
+    poses = tuple(om.Pose(translation=-np.array(shift)) for shift in shifts)
+    rig = om.Rig((CAMERA,) * 4, poses, ("front", "right", "left", "rear"))
+    om.save(rig, tmp_path / "rig.json")
+    for source in (rig, tmp_path / "rig.json"):
+        axes = om.plot_cameras(source).axes[0]
+        centres = np.array(shifts)
+        assert [text.get_text() for text in axes.texts] == list(rig.names)
+        for low_high, values in ((axes.get_xlim(), centres[:, 0]), (axes.get_ylim(), centres[:, 2])):
+            assert low_high[0] <= values.min()
+            assert values.max() <= low_high[1]
+            assert np.ptp(values) > 0.75 * np.ptp(low_high)
 
 
 def test_figures_are_not_shown_twice_in_a_notebook():

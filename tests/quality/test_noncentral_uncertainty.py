@@ -14,9 +14,10 @@ from omnisight.calibration.prescription import resect_prescription
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.geometry.sphere import cap, polar
 from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.optics.central_limit import CentralLimit
 from omnisight.optics.models.axial import Axial
 from omnisight.optim.tolerances import FINAL_TOLERANCE
-from omnisight.quality.central_limit import CentralLimit, central_limit, in_central_frame
+from omnisight.quality.central_frame import in_central_frame
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.uncertainty import Uncertainty
 
@@ -61,9 +62,9 @@ def test_central_limit_of_a_mirror_follows_its_rays(make):
 
 def test_calibrated_cone_of_a_mirror_is_about_its_reversed_axis():
     camera = om.RayCamera(off_focus().system, SIZE, theta_max=2.9, theta_min=1.2)
-    far = central_limit(camera)
+    far = camera.central_limit
     assert (far.theta_min, far.theta_max) == (pytest.approx(np.pi - 2.9), pytest.approx(np.pi - 1.2))
-    lens = central_limit(om.RayCamera(AXIAL, SIZE, theta_max=REACH))
+    lens = om.RayCamera(AXIAL, SIZE, theta_max=REACH).central_limit
     assert (lens.theta_min, lens.theta_max) == (0.0, REACH)
 
 
@@ -100,7 +101,7 @@ def test_projection_uncertainty_at_infinity_matches_repeated_fits(repeated_fits)
     bearings, pixels = bearings[inside], pixels[inside]
     errors = [rotation_aligned_difference(CentralLimit(c.state.model), bearings, pixels) for c, _ in repeated_fits]
     observed = np.sqrt((np.array(errors) ** 2).sum(-1).mean())
-    predicted = [Uncertainty.of(central_limit(ray_camera(*of))).projection(bearings) for of in repeated_fits[:10]]
+    predicted = [Uncertainty.of(ray_camera(*of).central_limit).projection(bearings) for of in repeated_fits[:10]]
     stated = np.sqrt(np.trace(np.array(predicted), axis1=2, axis2=3).mean())
     assert stated / observed == pytest.approx(1.0, abs=0.15)
 

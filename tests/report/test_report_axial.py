@@ -10,7 +10,6 @@ import pytest
 from noncentral import SIZE, off_focus
 from omnisight.formats import load, save
 from omnisight.optics.models.axial import Axial
-from omnisight.quality.central_limit import central_limit
 from omnisight.ray_camera import RayCamera
 from omnisight.report.number_format import format_with_sigma
 from omnisight.report.page import render_page
@@ -123,7 +122,7 @@ def test_uncertainty_is_that_of_the_cameras_covariance(text, axial):
     pixels, _, theta, _ = axial.uncertainty.worst()
     assert f"The largest values are {pixels:.2g} px" in section(text, "uncertainty")
     assert theta <= axial.max_theta + 1e-9
-    np.testing.assert_array_equal(central_limit(axial.camera).covariance, axial.camera.covariance)
+    np.testing.assert_array_equal(axial.camera.central_limit.covariance, axial.camera.covariance)
 
 
 def test_only_formats_that_support_rays_are_offered(text, axial, tmp_path):

@@ -10,18 +10,23 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.extensions import did_you_mean
 from omnisight.formats import FormatError, format_names, get_format, load_all
+from omnisight.models._profile_camera import ProfileCamera
+from omnisight.optics.central_limit import CentralLimit
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
 
 Array = NDArray[np.float64]
 
-PROFILE_ANGLES, PROFILE_AZIMUTHS = 400, 24  # samples of r(theta)
+PROFILE_ANGLES, PROFILE_AZIMUTHS = 400, 24  # samples of r(theta); a multiple of 4 azimuths
 MAX_PROFILE_THETA_RAD = 0.999 * np.pi  # opposite to the axis the azimuth is undefined
 
 
 @dataclass(frozen=True)
 class RadialProfile(Displayed):
-    """Distance from the principal point (px) against the angle from the axis (degrees), averaged over azimuths.
+    """Distance from the principal point (px) against the angle from the axis (degrees).
+
+    It is averaged over all azimuths, and for panoramas and other projections without rotational symmetry over both
+    directions along the longer side of the image.
 
     Attributes
     ----------
@@ -143,6 +148,8 @@ def radial_profile(camera: Camera) -> RadialProfile:
     limit = min(camera.model.theta_max, MAX_PROFILE_THETA_RAD)
     theta = np.linspace(0, limit, PROFILE_ANGLES)[1:-1]
     azimuth = np.linspace(0, 2 * np.pi, PROFILE_AZIMUTHS, endpoint=False)
+    if not isinstance(camera.model, ProfileCamera | CentralLimit):
+        azimuth = azimuth[[0, PROFILE_AZIMUTHS // 2]] + (0 if camera.width >= camera.height else np.pi / 2)
     s, c = np.sin(theta)[:, None], np.cos(theta)[:, None]
     bearings = np.stack([s * np.cos(azimuth), s * np.sin(azimuth), c + 0 * azimuth], -1)
     # Plain NumPy, because numba takes half a second to load.
@@ -157,6 +164,12 @@ def radial_profile(camera: Camera) -> RadialProfile:
     return RadialProfile(
         np.degrees(theta[:count]), radius, camera.focal, (float(centre[0]), float(centre[1])), calibrated
     )
+
+
+def model_title(camera: Camera) -> str:
+    """Return the name of the model of a camera, for a heading."""
+    model = camera.model
+    return f"{model.rays.name}, distant scene" if isinstance(model, CentralLimit) else model.name
 
 
 def _central_part(camera: Camera | RayCamera) -> Camera | None:

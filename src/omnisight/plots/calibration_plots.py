@@ -7,6 +7,7 @@ import numpy as np
 from omnisight.camera import Camera
 from omnisight.pipeline.calibration import Calibration
 from omnisight.plots._figure import new_axes, new_figure
+from omnisight.plots._sources import central_camera
 
 # Residuals are drawn so that a typical arrow has this length relative to the image width.
 ARROW_FRACTION = 0.03
@@ -58,8 +59,7 @@ def plot_coverage(calibration: Calibration) -> Any:
     figure, axes = new_axes()
     for rows in observations.groups:
         axes.plot(*observations.pixels[rows].T, ".", markersize=3)
-    if isinstance(camera, Camera):
-        _angle_circles(axes, camera)
+    _angle_circles(axes, central_camera(camera))
     _image_axes(axes, camera.size)
     covered = calibration.quality.coverage.share
     axes.set_title(f"{len(observations.pixels)} corners of {len(observations)} images cover {covered:.0%}")

@@ -4,13 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.camera import Camera
-from omnisight.pipeline.inspect import radial_profile
+from omnisight.pipeline.inspect import model_title, radial_profile
 from omnisight.plots._figure import new_axes, new_figure
+from omnisight.plots._sources import CameraSource, central_camera
 from omnisight.quality.uncertainty import UncertaintyMap
 
 
-def plot_profile(camera: Camera) -> Any:
+def plot_profile(camera: CameraSource) -> Any:
     """Plot the distance from the principal point (px) over the angle from the axis (degrees).
 
     The part beyond the calibrated field of view is dashed. The equidistant lens of the same focal length is gray.
@@ -18,13 +18,14 @@ def plot_profile(camera: Camera) -> Any:
     Parameters
     ----------
     camera
-        The camera.
+        The camera, or its calibration file. A non-central camera is plotted for a distant scene.
 
     Returns
     -------
     A figure of matplotlib.
     """
-    profile = radial_profile(camera)
+    central = central_camera(camera)
+    profile = radial_profile(central)
     figure, axes = new_axes()
     known = profile.calibrated_deg is not None
     calibrated = profile.theta_deg <= (180.0 if profile.calibrated_deg is None else profile.calibrated_deg)
@@ -33,13 +34,13 @@ def plot_profile(camera: Camera) -> Any:
         axes.plot(profile.theta_deg, profile.radius, "--", color="C0", label="extrapolated")
     label = "calibrated" if known else "camera"
     axes.plot(profile.theta_deg[calibrated], profile.radius[calibrated], color="C0", label=label)
-    axes.set(xlabel="angle off-axis, degrees", ylabel="radius, px", title=camera.model.name)
+    axes.set(xlabel="angle off-axis, degrees", ylabel="radius, px", title=model_title(central))
     axes.legend()
     axes.grid(alpha=0.3)
     return figure
 
 
-def plot_uncertainty(camera: Camera) -> Any:
+def plot_uncertainty(camera: CameraSource) -> Any:
     """Plot the projection uncertainty (1 sigma) over the field of view, in px and in degrees.
 
     The radius is the angle from the axis in degrees, and the azimuth that of the image. The dashed circle is the end of
@@ -48,7 +49,7 @@ def plot_uncertainty(camera: Camera) -> Any:
     Parameters
     ----------
     camera
-        A camera with a covariance.
+        A camera with a covariance, or its calibration file. A non-central camera is plotted for a distant scene.
 
     Returns
     -------
@@ -59,7 +60,8 @@ def plot_uncertainty(camera: Camera) -> Any:
     ValueError
         If the camera has no covariance.
     """
-    result = UncertaintyMap.of(camera)
+    central = central_camera(camera)
+    result = UncertaintyMap.of(central)
     figure = new_figure(width=9.0)
     phi = np.append(result.phi, 2 * np.pi)
     inside = result.visible & np.isfinite(result.pixels)
@@ -70,8 +72,8 @@ def plot_uncertainty(camera: Camera) -> Any:
         limit = np.nanmax(np.where(result.calibrated[:, None], shown, np.nan))
         closed = np.column_stack([shown, shown[:, :1]])
         mesh = axes.pcolormesh(phi, np.degrees(result.theta), closed, shading="gouraud", vmin=0, vmax=limit)
-        if camera.theta_max is not None:
-            axes.plot(np.linspace(0, 2 * np.pi, 100), np.full(100, np.degrees(camera.theta_max)), "w--", linewidth=1)
+        if central.theta_max is not None:
+            axes.plot(np.linspace(0, 2 * np.pi, 100), np.full(100, np.degrees(central.theta_max)), "w--", linewidth=1)
         axes.set_title(f"projection uncertainty, {unit} (1σ)")
         axes.set_xticks(np.radians([0, 90, 180, 270]), ["right", "bottom", "left", "top"])
         figure.colorbar(mesh, ax=axes, shrink=0.8, extend="max")

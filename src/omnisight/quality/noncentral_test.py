@@ -16,7 +16,6 @@ from omnisight.display import Displayed
 from omnisight.models import Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.central_error import DISTANCES_BOARD_WIDTHS, DISTANCES_M, CentralApproximationError
-from omnisight.quality.central_limit import central_limit
 from omnisight.quality.pupil_shift import PupilShift
 from omnisight.quality.spline_baseline import SplineBaseline
 from omnisight.quality.split_half import SplitHalfTest, run_split_half_test
@@ -162,7 +161,7 @@ def run_noncentrality_test(
         return test
 
     def as_camera(model: Projector, covariance: Array) -> Camera:
-        return central_limit(replace(axial_camera, model=model, covariance=covariance))
+        return replace(axial_camera, model=model, covariance=covariance).central_limit
 
     return replace(test, axial_split_half=run_split_half_test(axial, observations, as_camera, loss="huber"))
 

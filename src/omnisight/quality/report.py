@@ -18,7 +18,7 @@ from omnisight.display import Displayed
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.camera_change import CameraChange, find_camera_change
-from omnisight.quality.central_limit import central_limit, in_central_frame
+from omnisight.quality.central_frame import in_central_frame
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.evidence import Evidence
 from omnisight.quality.noncentral_test import NonCentralityTest, compare_central, run_noncentrality_test
@@ -143,9 +143,9 @@ def assess_noncentral(
     state = in_central_frame(best.state, camera.model, observations.pixels[~outliers])
 
     def as_camera(model: Projector, covariance: Array) -> Camera:
-        return central_limit(replace(camera, model=model, covariance=covariance))
+        return replace(camera, model=model, covariance=covariance).central_limit
 
-    limit = central_limit(camera)
+    limit = camera.central_limit
     report = _assess(best, limit, state, observations, outliers, as_camera, loss=loss, is_auto=True)
     return camera, replace(report, noncentrality=noncentrality)
 

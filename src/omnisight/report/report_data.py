@@ -19,7 +19,6 @@ from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.calibration import Calibration
-from omnisight.quality.central_limit import central_limit
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.pupil_shift import PupilShift
@@ -200,7 +199,7 @@ class ReportData:
     @cached_property
     def central_limit(self) -> Camera:
         """The camera for points at infinity: the directions of its rays without their origins."""
-        return central_limit(self.camera) if isinstance(self.camera, RayCamera) else self.camera
+        return self.camera.central_limit if isinstance(self.camera, RayCamera) else self.camera
 
     @property
     def unit(self) -> str:

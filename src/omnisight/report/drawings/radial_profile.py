@@ -9,6 +9,7 @@ from omnisight.report.drawings.cross_section import svg_document
 # Size of the drawing as text, characters, and as SVG.
 TEXT_COLUMNS, TEXT_ROWS = 64, 14
 WIDTH, HEIGHT = 620.0, 400.0
+LEGEND_STEP_PX = 200.0  # longer than the longest entry, "calibrated range unknown"
 
 
 def profile_text(profile: RadialProfile) -> str:
@@ -45,7 +46,7 @@ def profile_svg(profile: RadialProfile) -> str:
             axes.line(profile.theta_deg, profile.radius, "extrapolated"),
             axes.line(profile.theta_deg, calibrated, "calibrated"),
         ),
-        legend(entries, (60.0, 22.0), (150.0, 0.0)),
+        legend(entries, (60.0, 22.0), (LEGEND_STEP_PX, 0.0)),
         width=WIDTH,
         height=HEIGHT,
         title="Radial profile r(theta)",

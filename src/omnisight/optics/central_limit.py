@@ -1,20 +1,16 @@
 """Central limit of a non-central camera: the central camera that it is for a distant scene."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnisight.calibration.state import State
-from omnisight.camera import Camera
 from omnisight.models import CameraModel
 from omnisight.optics.catadioptric import Catadioptric
 from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
-from omnisight.optics.viewpoint import best_viewpoint
-from omnisight.ray_camera import RayCamera
 
 Array = NDArray[np.float64]
 
@@ -92,28 +88,3 @@ class CentralLimit(CameraModel):
     def example(cls) -> Self:
         """Return a fisheye with an entrance pupil shift, for a distant scene."""
         return cls(Axial.example())
-
-
-def central_limit(camera: RayCamera) -> Camera:
-    """Return the central limit of a non-central camera, with its calibrated cone and covariance."""
-    model = CentralLimit(camera.model)
-    cone: dict[str, Any] = {"theta_max": camera.theta_max, "theta_min": camera.theta_min}
-    if model.axes[2] < 0:  # the axis is reversed, so the greatest angle becomes the least
-        last = None if camera.theta_min == 0 else np.pi - camera.theta_min
-        cone = {"theta_max": last, "theta_min": 0.0 if camera.theta_max is None else np.pi - camera.theta_max}
-    return Camera(model, camera.size, covariance=camera.covariance, **cone)
-
-
-def in_central_frame(state: State, model: RayModel, pixels: Array) -> State:
-    """Return the state in the frame of the central limit, about the point nearest to the rays of pixels (N, 2).
-
-    After a mirror, which reverses handedness, points of boards are correct but the "rotations" are reflections.
-    """
-    far = CentralLimit(model)
-    centre = best_viewpoint(model, pixels).point
-    return replace(
-        state,
-        model=far,
-        rotations=far.axes[:, None] * state.rotations,
-        translations=far.axes * (state.translations - centre),
-    )
