@@ -3,14 +3,15 @@
 import dataclasses
 import inspect
 import typing
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
 import omnisight as om
+from notebook_html import assert_html
 from omnisight.display import MAX_LINES, Displayed, named_tuple_text, shortened
 from omnisight.models import model_class, model_names
+from omnisight.optics.models.axial import Axial
 
 TYPES = sorted(
     name for name in om.__all__ if inspect.isclass(getattr(om, name)) and dataclasses.is_dataclass(getattr(om, name))
@@ -152,38 +153,16 @@ def test_a_long_text_ends_in_an_ellipsis():
     assert text.endswith(" ...)")
 
 
-class Tags(HTMLParser):
-    """Check that every element is closed."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.seen = [], []
-
-    def handle_starttag(self, tag, attributes):
-        self.seen.append(tag)
-        if tag not in ("img", "br"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-
-def assert_html(value, *texts):
-    page = value._repr_html_()
-    tags = Tags()
-    tags.feed(page)
-    assert tags.open == []
-    assert "img" in tags.seen
-    assert len(page) < 200_000
-    for text in texts:
-        assert text in page
-    return page
-
-
 def test_a_camera_is_shown_with_its_profile():
     assert_html(CAMERA, "kannala_brandt", "640 x 480", "off-axis")
     assert_html(om.sphere(512), "equirectangular")
     assert_html(om.Camera(LENS, (0, 0)), "unknown")
+
+
+def test_a_non_central_camera_is_shown_for_a_distant_scene():
+    camera = om.RayCamera(Axial.example(), (960, 962), theta_max=1.2)
+    assert_html(camera, "axial, non-central", "960 x 962", f"{camera.fov.horizontal:.1f}°", "distant scene")
+    assert_html(om.RayCamera(Axial.example(), (0, 0)), "unknown")
 
 
 def test_file_names_cannot_inject_markup():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from noncentral import SIZE, off_focus
+from notebook_html import assert_html
 from omnisight.formats import load, save
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
@@ -178,3 +179,7 @@ def test_report_of_one_or_two_images(count, tmp_path):
     assert embedded_json(text)["verdict"] == str(calibration.verdict) == "do not use"
     assert "The reference is a spline" not in section(text, "models")
     assert not contains_nan(text)
+
+
+def test_the_calibration_is_shown_in_notebooks_with_its_profile(axial):
+    assert_html(axial.calibration, str(axial.calibration.verdict), "axial, non-central")

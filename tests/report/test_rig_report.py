@@ -10,6 +10,7 @@ import pytest
 from benchmarks.rig_scenes import SCENES, scene
 
 import omnisight as om
+from notebook_html import assert_html
 from omnisight.formats import load_rig, rig_format_names
 from omnisight.models import model_class
 from omnisight.optics.models.axial import Axial
@@ -193,3 +194,9 @@ def test_the_page_runs_in_a_browser(report, opened):
     page.locator(".scene").focus()
     page.keyboard.press("ArrowLeft")
     assert board.get_attribute("d") != before
+
+
+def test_the_calibration_is_shown_in_notebooks(calibration):
+    page = assert_html(calibration, f'rms</th><td style="text-align:left">{calibration.rms:.3f} px')
+    for name in calibration.rig.names:
+        assert f"rms {calibration.camera_rms(name):.3f} px" in page

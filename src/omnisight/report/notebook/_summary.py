@@ -2,17 +2,21 @@
 
 import base64
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.report.axes import Axes, path_data
+from omnisight.report.axes import Axes, dot_path_data, path_data
 from omnisight.report.drawings.cross_section import svg_document
 from omnisight.report.html import Markup, element
+from omnisight.report.jpeg_url import encode_jpeg_url
 
 Array = NDArray[np.float64]
 
+# Width of an image beside the figures, and most corners that are drawn, each of about 20 bytes.
+IMAGE_WIDTH_PX, MAX_DOTS = 420, 4000
 # Size of a plan, and the length of the view directions as a fraction of its extent.
 PLAN_SIZE, ARROW_FRACTION = 340.0, 0.08
 # Names of cameras that are written into a plan.
@@ -20,9 +24,10 @@ MAX_LABELS = 12
 
 
 def summary(title: str, figures: Mapping[str, str], drawing: str | None, notes: Sequence[str] = ()) -> str:
-    """Return a heading, figures by name, an SVG drawing beside them, and notes below.
+    """Return a heading, figures by name, a drawing beside them, and notes below.
 
-    The drawing is an image of its own, because the styles of a notebook and of a drawing would affect each other.
+    The drawing is SVG or a data: URL. It is an image of its own, because the styles of a notebook and of a drawing
+    would affect each other.
     """
     rows = [
         element("tr", element("th", name, style="text-align:left"), element("td", value, style="text-align:left"))
@@ -30,14 +35,37 @@ def summary(title: str, figures: Mapping[str, str], drawing: str | None, notes: 
     ]
     image = None
     if drawing is not None:
-        data = base64.b64encode(drawing.encode()).decode()
-        image = element("td", Markup(f'<img width="420" alt="" src="data:image/svg+xml;base64,{data}">'))
+        url = drawing
+        if not drawing.startswith("data:"):
+            url = f"data:image/svg+xml;base64,{base64.b64encode(drawing.encode()).decode()}"
+        image = element("td", Markup(f'<img width="{IMAGE_WIDTH_PX}" alt="" src="{url}">'))
     return element(
         "div",
         element("b", title),
         element("table", element("tr", element("td", element("table", *rows), style="vertical-align:top"), image)),
         *(element("p", note) for note in notes),
     )
+
+
+def photo_url(pixels: NDArray[Any], width: int = 2 * IMAGE_WIDTH_PX) -> str:
+    """Return an image (H, W) or (H, W, C) as a data: URL of a JPEG, small enough for a notebook."""
+    return encode_jpeg_url(pixels, width)
+
+
+def corner_map(size: tuple[int, int], pixels: Mapping[str, Array]) -> str | None:
+    """Draw corners (N, 2) over the area of the image, by colour, as SVG; None if the image size is unknown."""
+    if not all(size):
+        return None
+    scale = IMAGE_WIDTH_PX / size[0]
+    width, height = IMAGE_WIDTH_PX, scale * size[1]
+    step = 1 + sum(map(len, pixels.values())) // MAX_DOTS
+    dots = [
+        element("path", d=dot_path_data(scale * (group[::step] + 0.5)), stroke=color, stroke_width=3, fill="none")
+        for color, group in pixels.items()
+    ]
+    frame = element("rect", x=0, y=0, width=width, height=height, stroke="#888", fill="none")
+    caps = element("g", frame, *dots, stroke_linecap="round")
+    return svg_document(caps, width=width, height=height, title="Corners of all images")
 
 
 def plan(poses: Mapping[str, Pose], unit: str, axes: tuple[Array, Array] | None = None) -> str:

@@ -3,6 +3,7 @@
 from omnisight.camera import Camera
 from omnisight.pipeline.calibration import Calibration
 from omnisight.report.notebook import camera as camera_html
+from omnisight.report.notebook import ray_camera as ray_camera_html
 from omnisight.report.notebook._summary import summary
 
 
@@ -16,8 +17,10 @@ def html(calibration: Calibration) -> str:
         "images": f"{len(calibration.observations)}",
         "corners": f"{len(calibration.observations.pixels)}, {int(calibration.outliers.sum())} outliers",
     }
-    drawing = None
     if isinstance(camera, Camera):
         figures |= camera_html.figures(camera)
         drawing = camera_html.drawing(camera)
+    else:
+        figures |= ray_camera_html.figures(camera)
+        drawing = ray_camera_html.drawing(camera)
     return summary(f"Calibration, {calibration.best.name}", figures, drawing, calibration.reasons)

@@ -10,5 +10,10 @@ def html(rig: Rig) -> str:
         name: f"{camera.model.name}, {camera.width} x {camera.height} px"
         for name, camera in zip(rig.names, rig.cameras, strict=True)
     }
+    return summary(f"Rig, {len(rig)} cameras", figures, drawing(rig))
+
+
+def drawing(rig: Rig) -> str:
+    """Return a plan of the positions and view directions of the cameras as SVG."""
     poses = {name: pose.inverse() for name, pose in zip(rig.names, rig.sensor_from_rig, strict=True)}
-    return summary(f"Rig, {len(rig)} cameras", figures, plan(poses, rig.unit))
+    return plan(poses, rig.unit)

@@ -1,0 +1,21 @@
+"""HTML of the comparison of two cameras: the maps of their difference and of their uncertainties."""
+
+import numpy as np
+
+from omnisight.quality.camera_comparison import CameraComparison
+from omnisight.report.drawings.camera_comparison import draw_comparison
+from omnisight.report.notebook._summary import photo_url, summary
+
+
+def html(comparison: CameraComparison) -> str:
+    """Return the verdict, the difference and its maps."""
+    c = comparison
+    expected = f"{c.expected_rms:.3g} px" if np.isfinite(c.expected_rms) else "unknown: the cameras have no covariance"
+    figures = {
+        "cameras": ", ".join(c.names),
+        "difference": f"{c.rms:.3g} px rms after the best rotation",
+        "expected": expected,
+        "largest": f"{c.aligned.pixels[c.worst]:.3g} px, {c.worst_place}",
+        "verdict": c.verdict,
+    }
+    return summary("CameraComparison", figures, photo_url(draw_comparison(c), width=900), [c.sentence])
