@@ -78,3 +78,30 @@ def test_a_batch_is_remapped_like_its_images():
     assert remapper(images[:0]).shape == (0, 48, 64, 3)
     with pytest.raises(ValueError, match="or a batch"):
         remapper(images[..., None])
+
+
+def test_a_list_of_images_and_gray_batches_are_remapped_like_their_images():
+    images = np.random.default_rng(1).integers(0, 255, (3, 240, 320)).astype(np.uint8)
+    remapper = om.Remapper(CAMERA, om.perspective((64, 48), 100))
+    expected = np.stack([remapper(image) for image in images])
+    assert np.array_equal(remapper(images), expected)
+    assert np.array_equal(om.remap(list(images), CAMERA, om.perspective((64, 48), 100)), expected)
+    with pytest.raises(ValueError, match="list of images that are arrays"):
+        remapper([[1, 2], [3, 4]])
+    with pytest.raises(ValueError, match="must have one shape"):
+        remapper([images[0], images[1, :, :100]])
+
+
+def test_images_of_other_libraries_are_written_and_searched(tmp_path):
+    image = np.random.default_rng(2).integers(0, 255, (60, 80, 3)).astype(np.uint8).repeat(4, 0).repeat(4, 1)
+    om.write_image(tmp_path / "image.png", Foreign(image))
+    assert np.array_equal(om.read_image(tmp_path / "image.png"), image)
+    camera, options = om.perspective((320, 240), 90), om.FeatureOptions(surface="image", max_keypoints=50)
+    mask = np.arange(320) < np.full((240, 1), 160)
+    found, expected = (
+        om.detect_features(kind(image), camera, options, mask=kind(mask)) for kind in (Foreign, np.array)
+    )
+    assert len(found) > 10
+    assert np.array_equal(found.pixels, expected.pixels)
+    with pytest.raises(ValueError, match="must be an array"):
+        om.detect_features(5, camera)

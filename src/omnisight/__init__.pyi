@@ -92,6 +92,7 @@ from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.options import StereoOptions as StereoOptions
 from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.reconstruct import reconstruct as reconstruct
+from omnisight.pipeline.resect import resect as resect
 from omnisight.pipeline.rig_calibration import RigCalibration as RigCalibration
 from omnisight.pipeline.simulate import SimulatedDataset as SimulatedDataset
 from omnisight.pipeline.simulate import simulate as simulate
@@ -141,7 +142,6 @@ from omnisight.targets import Detection as Detection
 from omnisight.targets import Detections as Detections
 from omnisight.targets.observations import Observations as Observations
 from omnisight.twoview.absolute_pose import AbsolutePose as AbsolutePose
-from omnisight.twoview.absolute_pose import resect as resect
 from omnisight.twoview.epipolar_curves import Epipoles as Epipoles
 from omnisight.twoview.epipolar_curves import epipolar_curve as epipolar_curve
 from omnisight.twoview.epipolar_curves import epipoles as epipoles

@@ -114,3 +114,12 @@ def test_too_few_points_are_a_result_with_a_reason():
 def test_wrong_arrays_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         om.resect(*arguments, camera=CAMERA)
+
+
+def test_the_camera_may_be_a_file(tmp_path):
+    om.save(CAMERA, tmp_path / "camera.json")
+    pixels, _ = CAMERA.project(OBJECT + (0.0, 0.0, 3.0))
+    known = om.resect(OBJECT, pixels, 0.01 * np.eye(2), camera=CAMERA).cam_from_world.matrix
+    for file in (tmp_path / "camera.json", str(tmp_path / "camera.json")):
+        found = om.resect(OBJECT, pixels, 0.01 * np.eye(2), camera=file)
+        np.testing.assert_allclose(found.cam_from_world.matrix, known, atol=1e-9)

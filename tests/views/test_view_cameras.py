@@ -17,6 +17,8 @@ def test_too_wide_perspective_is_rejected_with_alternatives(fov):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
+        (lambda: om.perspective(90, (640, 360)), r"got \(640, 360\): the order is perspective\(size, fov\)"),
+        (lambda: om.fisheye(180, (640, 360)), r"the order is fisheye\(size, fov\)"),
         (lambda: om.panini(fov=360), "Panini view of distance 1 cannot show 360 degrees, only up to 353"),
         (lambda: om.panini(fov=190, distance=0.0), "distance 0 cannot show 190 degrees, only up to 176"),
         (lambda: om.panini(fov=np.nan), "Panini view .* cannot show nan degrees"),

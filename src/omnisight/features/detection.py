@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.array_kinds import to_numpy
 from omnisight.camera import Camera
 from omnisight.choices import Options
 from omnisight.features.detection_views import DetectionView, pixel_grid, tangent_views, valid_region, whole_image
@@ -58,7 +59,7 @@ def detect_features(
     Parameters
     ----------
     image
-        (H, W), (H, W, 3) or (H, W, 4); see `to_gray8`.
+        (H, W), (H, W, 3) or (H, W, 4); see `to_gray8`. Arrays of other libraries, such as PyTorch tensors, too.
     camera
         The camera of the image.
     options
@@ -76,8 +77,10 @@ def detect_features(
         If the size of the image or of the mask differs from that of the camera.
     """
     options = options or FeatureOptions()
+    image = np.asarray(to_numpy(image))
     _check_size("image", image, camera)
     if mask is not None:
+        mask = np.asarray(to_numpy(mask))
         _check_size("mask", mask, camera)
     gray = to_gray8(image)
     valid = illuminated_region(gray, camera)
@@ -88,7 +91,7 @@ def detect_features(
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
     if mask is not None:
         column, row = np.clip(np.rint(keypoints.pixels).astype(int), 0, np.array(camera.size) - 1).T
-        wanted = np.asarray(mask)[row, column] != 0
+        wanted = mask[row, column] != 0
         keypoints, response = keypoints[wanted], response[wanted]
     strongest = np.argsort(-response, kind="stable")[: options.max_keypoints]
     return keypoints[strongest]
@@ -140,6 +143,8 @@ def illuminated_region(gray: NDArray[np.uint8], camera: Camera) -> Mask:
 
 
 def _check_size(name: str, array: NDArray[Any], camera: Camera) -> None:
+    if array.ndim < 2:
+        raise ValueError(f"the {name} must be an array (H, W), got shape {array.shape}")
     height, width = array.shape[:2]
     if (width, height) != camera.size:
         raise ValueError(

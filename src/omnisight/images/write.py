@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.array_kinds import to_numpy
 from omnisight.images.channel_order import swap_red_and_blue
 
 EXTENSIONS_16_BIT = frozenset({".png", ".tif", ".tiff", ".pgm", ".ppm", ".pnm"})
@@ -22,7 +23,7 @@ def write_image(path: str | Path, image: NDArray[Any]) -> None:
     path : str or Path
         A file in an existing folder.
     image : (H, W), (H, W, 3) or (H, W, 4) array of uint8 or uint16
-        Gray, RGB or RGBA.
+        Gray, RGB or RGBA; arrays of other libraries, such as PyTorch tensors, too.
 
     Raises
     ------
@@ -53,6 +54,7 @@ def encode_image(image: NDArray[Any], name: str) -> bytes:
     path = Path(name)
     extension = path.suffix.lower()
     check_image_suffix(path)
+    image = np.asarray(to_numpy(image))
     if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (3, 4)) or image.size == 0:
         raise ValueError(f"expected an image (H, W), (H, W, 3) or (H, W, 4), got shape {image.shape}")
     if image.dtype.name not in ("uint8", "uint16"):

@@ -26,7 +26,7 @@ OUTSIDE_PX = -9999.0
 
 
 def remap(
-    image: Image,
+    image: Image | Sequence[Image],
     source: Camera,
     target: Camera,
     target_from_source: ArrayLike | None = None,
@@ -40,8 +40,9 @@ def remap(
     Parameters
     ----------
     image
-        (H, W) or (H, W, 1 to 4), or a batch of images (N, H, W, 1 to 4), uint8, uint16 or float, taken by `source`.
-        Arrays of other libraries, such as PyTorch tensors, are answered in their kind, without gradients.
+        (H, W) or (H, W, 1 to 4), or a batch of images (N, H, W) or (N, H, W, 1 to 4), uint8, uint16 or float, taken by
+        `source`. A list of images is stacked to a batch. Arrays of other libraries, such as PyTorch tensors, are
+        answered in their kind, without gradients.
     source, target
         The camera of the image and the camera of the view.
     target_from_source
@@ -127,16 +128,33 @@ class Remapper:
         """Return the sizes of both images."""
         return f"Remapper({self.source.width}x{self.source.height} to {self.target.width}x{self.target.height})"
 
-    def __call__(self, image: Image) -> Image:
+    def __call__(self, image: Image | Sequence[Image]) -> Image:
         """Remap an image of the source, or a batch; see `remap`."""
+        if isinstance(image, list | tuple):
+            return self._remap_list(image)
         array: Image = to_numpy(image)
-        if array.ndim != 4:
+        if not self._is_batch(array):
             return like(image, self._remap(array))
-        shape = (len(array), self.target.height, self.target.width, array.shape[-1])
+        shape = (len(array), self.target.height, self.target.width, *array.shape[3:])
         views = np.empty(shape, array.dtype)
         for k, single in enumerate(array):
             views[k] = self._remap(single)
         return like(image, views)
+
+    def _remap_list(self, images: Sequence[Image]) -> Image:
+        """Remap a list of images to a batch."""
+        if not images or not all(hasattr(image, "shape") for image in images):
+            raise ValueError("image must be an array or a list of images that are arrays: convert it by np.asarray")
+        arrays: list[Image] = [to_numpy(image) for image in images]
+        shapes = {array.shape for array in arrays}
+        if len(shapes) > 1:
+            raise ValueError(f"the images of a list must have one shape, got {', '.join(map(str, sorted(shapes)))}")
+        return like(images[0], np.stack([self._remap(array) for array in arrays]))
+
+    def _is_batch(self, array: Image) -> bool:
+        """Return whether an array has several images; (N, H, W) differs from (H, W, C) by the size of the source."""
+        is_gray = array.ndim == 3 and array.shape[2] > 4 and array.shape[1:] == self.source.size[::-1]
+        return array.ndim == 4 or is_gray
 
     def _remap(self, image: Image) -> Image:
         """Remap one image."""
@@ -204,7 +222,8 @@ class Remapper:
     def _check(self, image: Image) -> Image:
         if image.ndim not in (2, 3) or (image.ndim == 3 and not 1 <= image.shape[2] <= 4):
             raise ValueError(
-                f"image must be (H, W), (H, W, 1 to 4) or a batch (N, H, W, 1 to 4), got shape {image.shape}"
+                "image must be (H, W), (H, W, 1 to 4) or a batch (N, H, W) or (N, H, W, 1 to 4), got shape"
+                f" {image.shape}"
             )
         if image.dtype.name not in ("uint8", "uint16", "float32", "float64"):
             raise ValueError(f"image must be uint8, uint16, float32 or float64, got {image.dtype}")

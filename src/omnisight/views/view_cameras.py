@@ -48,7 +48,7 @@ def perspective(size: Size = (1280, 720), fov: float = 90.0) -> Camera:
     ValueError
         If the field of view is too wide; the message lists alternatives.
     """
-    width, height = _checked_size(size)
+    width, height = _checked_size(size, fov, "perspective")
     if not 0 < fov <= MAX_PERSPECTIVE_FOV_DEG:
         raise ValueError(
             f"a perspective view cannot show {fov:g} degrees, only up to {MAX_PERSPECTIVE_FOV_DEG:g}: use cylinder,"
@@ -114,7 +114,7 @@ def panini(size: Size = (1280, 720), fov: float = 150.0, distance: float = 1.0) 
     ValueError
         If the field of view is too wide for the distance.
     """
-    width, height = _checked_size(size)
+    width, height = _checked_size(size, fov, "panini")
     half = np.radians(fov) / 2
     limit = np.arccos(-distance if distance <= 1 else -1 / distance)
     if not 0 < half < limit * 0.98:
@@ -143,7 +143,7 @@ def fisheye(size: Size = 1024, fov: float = 180.0, projection: FisheyeProjection
     ValueError
         If the projection is unknown or cannot show the field of view.
     """
-    width, height = _checked_size(size)
+    width, height = _checked_size(size, fov, "fisheye")
     if projection not in FISHEYE_MODELS:
         raise ValueError(unknown_name("fisheye projection", projection, FISHEYE_MODELS))
     widest = 180.0 if projection == "orthographic" else 359.0 if projection == "stereographic" else 360.0
@@ -192,8 +192,10 @@ def _unrolled(
     return cls(focal, fy, -0.5 - np.radians(left) * focal, -0.5 - top * fy), (width, height)
 
 
-def _checked_size(size: Size) -> tuple[int, int]:
-    """Return (width, height) of a size in px; raise ValueError if it is none."""
+def _checked_size(size: Size, fov: float = 0.0, view: str = "") -> tuple[int, int]:
+    """Return (width, height) of a size in px; raise ValueError if it is none, or the angle is not one number."""
+    if np.ndim(fov) or isinstance(fov, str):
+        raise ValueError(f"fov must be one angle in degrees, got {fov!r}: the order is {view}(size, fov)")
     try:
         width, height = (int(s) for s in np.broadcast_to(size, 2))
     except (TypeError, ValueError):

@@ -1,0 +1,55 @@
+"""Pose of a camera, or of one in a calibration file, from known points."""
+
+from os import PathLike
+from pathlib import Path
+
+from numpy.typing import ArrayLike
+
+from omnisight.camera import Camera
+from omnisight.formats import load
+from omnisight.optim.ransac import RansacOptions
+from omnisight.ray_camera import RayCamera
+from omnisight.twoview import absolute_pose
+from omnisight.twoview.absolute_pose import AbsolutePose
+
+
+def resect(
+    points: ArrayLike,
+    observed: ArrayLike,
+    covariance: ArrayLike | None = None,
+    sigma_deg: ArrayLike | None = None,
+    options: RansacOptions = RansacOptions(),
+    *,
+    camera: Camera | RayCamera | str | PathLike[str] | None = None,
+) -> AbsolutePose:
+    """Estimate the pose of a camera from known points, such as those of an object, and where it sees them.
+
+    LO-RANSAC with a P3P solver finds the inliers; the pose is then the maximum-likelihood estimate under a mixture of
+    Gaussian noise and outliers. Points may have any direction, also behind the camera; see `twoview.absolute_pose`.
+
+    Parameters
+    ----------
+    points
+        (N, 3) points in the world frame, or in that of the object; for a non-central camera in its unit.
+    observed
+        (N, 2) their pixels, with `camera`; without, (N, 3) their directions in the camera frame. Pixels outside the
+        domain of the camera model are outliers.
+    covariance
+        Of the pixels (N, 2, 2) or (2, 2), px^2; or of the bearings (N, 3, 3), square radians.
+    sigma_deg
+        Standard deviation of the bearings, degrees, one or (N,), in place of covariances. Without both, the noise is
+        assumed to be isotropic and equal, of pixels or of bearings, and is estimated.
+    options
+        Options of the search, with the seed.
+    camera
+        The camera of the pixels, or its calibration file.
+
+    Raises
+    ------
+    ValueError
+        If arrays have the wrong shape or do not hold pixels, directions, finite points and covariances, or the
+        calibration file cannot be read.
+    """
+    if isinstance(camera, str | PathLike):
+        camera = load(Path(camera))
+    return absolute_pose.resect(points, observed, covariance, sigma_deg, options, camera=camera)
