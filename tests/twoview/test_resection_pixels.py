@@ -118,7 +118,7 @@ def test_wrong_arrays_are_refused(arguments, message):
 
 def test_the_camera_may_be_a_file(tmp_path):
     om.save(CAMERA, tmp_path / "camera.json")
-    pixels, _ = CAMERA.project(OBJECT + (0.0, 0.0, 3.0))
+    pixels, _ = CAMERA.project(OBJECT + np.array([0.0, 0.0, 3.0]))
     known = om.resect(OBJECT, pixels, 0.01 * np.eye(2), camera=CAMERA).cam_from_world.matrix
     for file in (tmp_path / "camera.json", str(tmp_path / "camera.json")):
         found = om.resect(OBJECT, pixels, 0.01 * np.eye(2), camera=file)
