@@ -2,6 +2,8 @@
 
 import dataclasses
 import inspect
+import itertools
+import re
 import typing
 
 import numpy as np
@@ -12,6 +14,8 @@ from notebook_html import assert_html
 from omnisight.display import MAX_LINES, Displayed, named_tuple_text, shortened
 from omnisight.models import model_class, model_names
 from omnisight.optics.models.axial import Axial
+from omnisight.pipeline.inspect import radial_profile
+from omnisight.report.drawings.radial_profile import profile_svg
 
 TYPES = sorted(
     name for name in om.__all__ if inspect.isclass(getattr(om, name)) and dataclasses.is_dataclass(getattr(om, name))
@@ -157,6 +161,15 @@ def test_a_camera_is_shown_with_its_profile():
     assert_html(CAMERA, "kannala_brandt", "640 x 480", "off-axis")
     assert_html(om.sphere(512), "equirectangular")
     assert_html(om.Camera(LENS, (0, 0)), "unknown")
+
+
+@pytest.mark.parametrize("camera", [CAMERA, om.perspective((640, 480), 90)])
+def test_the_entries_of_the_legend_of_a_profile_do_not_overlap(camera):
+    drawing = profile_svg(radial_profile(camera))
+    entries = [(float(x), text) for x, text in re.findall(r'<text x="([\d.]+)" y="26"[^>]*>([^<]+)', drawing)]
+    assert len(entries) >= 2
+    for (x, text), (following, _) in itertools.pairwise(entries):
+        assert x + 7 * len(text) < following - 28  # at most 7 px per letter, and the line of the next entry
 
 
 def test_a_non_central_camera_is_shown_for_a_distant_scene():

@@ -200,3 +200,10 @@ def test_the_calibration_is_shown_in_notebooks(calibration):
     page = assert_html(calibration, f'rms</th><td style="text-align:left">{calibration.rms:.3f} px')
     for name in calibration.rig.names:
         assert f"rms {calibration.camera_rms(name):.3f} px" in page
+
+
+def test_the_rig_of_a_calibration_is_plotted(calibration):
+    pytest.importorskip("matplotlib")
+    axes = om.plot_cameras(calibration).axes[0]
+    assert [text.get_text() for text in axes.texts] == list(calibration.rig.names)
+    assert axes.get_xlabel() == f"x, {calibration.rig.unit}"
