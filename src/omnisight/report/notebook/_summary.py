@@ -17,13 +17,22 @@ Array = NDArray[np.float64]
 
 # Width of an image beside the figures, and most corners that are drawn, each of about 20 bytes.
 IMAGE_WIDTH_PX, MAX_DOTS = 420, 4000
+# Width of an image of several maps with text.
+WIDE_PX = 900
 # Size of a plan, and the length of the view directions as a fraction of its extent.
 PLAN_SIZE, ARROW_FRACTION = 340.0, 0.08
 # Names of cameras that are written into a plan.
 MAX_LABELS = 12
 
 
-def summary(title: str, figures: Mapping[str, str], drawing: str | None, notes: Sequence[str] = ()) -> str:
+def summary(
+    title: str,
+    figures: Mapping[str, str],
+    drawing: str | None,
+    notes: Sequence[str] = (),
+    *,
+    width: int = IMAGE_WIDTH_PX,
+) -> str:
     """Return a heading, figures by name, a drawing beside them, and notes below.
 
     The drawing is SVG or a data: URL. It is an image of its own, because the styles of a notebook and of a drawing
@@ -38,7 +47,7 @@ def summary(title: str, figures: Mapping[str, str], drawing: str | None, notes: 
         url = drawing
         if not drawing.startswith("data:"):
             url = f"data:image/svg+xml;base64,{base64.b64encode(drawing.encode()).decode()}"
-        image = element("td", Markup(f'<img width="{IMAGE_WIDTH_PX}" alt="" src="{url}">'))
+        image = element("td", Markup(f'<img width="{width}" alt="" src="{url}">'))
     return element(
         "div",
         element("b", title),

@@ -4,7 +4,7 @@ import numpy as np
 
 from omnisight.quality.camera_comparison import CameraComparison
 from omnisight.report.drawings.camera_comparison import draw_comparison
-from omnisight.report.notebook._summary import photo_url, summary
+from omnisight.report.notebook._summary import WIDE_PX, photo_url, summary
 
 
 def html(comparison: CameraComparison) -> str:
@@ -18,4 +18,4 @@ def html(comparison: CameraComparison) -> str:
         "largest": f"{c.aligned.pixels[c.worst]:.3g} px, {c.worst_place}",
         "verdict": c.verdict,
     }
-    return summary("CameraComparison", figures, photo_url(draw_comparison(c), width=900), [c.sentence])
+    return summary("CameraComparison", figures, photo_url(draw_comparison(c), WIDE_PX), [c.sentence], width=WIDE_PX)
