@@ -57,6 +57,19 @@ def test_target_make_writes_three_files_and_prints_them(make, tmp_path, argument
     assert "note" not in out
 
 
+def test_symmetric_circles_have_the_diameter_of_opencv_by_default(make, tmp_path):
+    status, _, err = make("symmetric_circles", "7x6", "--spacing", "20mm", "-o", "b.pdf")
+    assert (status, err) == (0, "")
+    assert load_board(tmp_path / "b.json").to_dict()["diameter"] == "8mm"
+
+
+@pytest.mark.parametrize(("locale", "paper"), [("de_DE.UTF-8", "A4"), ("en_US.UTF-8", "Letter")])
+def test_the_default_paper_is_that_of_the_territory(make, cannot, monkeypatch, locale, paper):
+    monkeypatch.setenv("LC_ALL", locale)
+    assert f"paper    {paper}, " in make("checkerboard", "9x6", "--square", "20mm")[1]
+    assert f"; {paper} offers " in cannot("checkerboard", "9x6", "--square", "30mm")
+
+
 @pytest.mark.parametrize("name", ["b.pdf", "b", "b.svg", "b.json", "b.PDF", "b.2"])
 def test_target_make_writes_files_next_to_each_other(make, tmp_path, name):
     (tmp_path / "out").mkdir()
@@ -95,10 +108,11 @@ def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, o
         (("checkerboard", "9x6"), "the side of a square of the 9x6 board is unknown: specify it, such as 30mm"),
         (("checkerboard", "9x6", "--square", "30"), "square: the length '30' has no unit: write 30mm"),
         (("checkerboard", "9x6", "--square", "30mm", "--tag", "3mm"), "the target checkerboard has no 'tag'"),
-        (("checkerboard", "9x6", "--square", "30mm", "--paper", "A4"), "or use A3"),
+        (("checkerboard", "9x6", "--square", "30mm", "--paper", "A4"), "or use --paper A3"),
+        (("checkerboard", "9x6", "--square", "25mm"), "the largest square that fits is 24.3mm, or use --paper A3"),
         (("checkerboard", "9x6", "--square", "30mm", "--paper", "B4"), "cannot read the paper 'B4'"),
         (("checkerboard", "2x6", "--square", "30mm"), "needs 3x3 inner corners or more, got 2x6"),
-        (("checkerboard", "9x6", "--square", "3m"), "more than A0: specify --paper"),
+        (("checkerboard", "9x6", "--square", "3m"), "the largest square that fits is 24.3mm"),
         (("charuco", "9x6"), "the target charuco needs --square, a length with its unit, such as 24mm"),
         (("charuco", "9x6", "--square", "x"), "cannot read the length 'x'"),
         (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "such as DICT_5X5_100"),

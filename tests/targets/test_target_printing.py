@@ -228,10 +228,10 @@ def test_board_that_does_not_fit_raises_with_what_would():
     message = str(caught.value)
     assert message.startswith("the 9x6 checkerboard with square 30mm is 300 x 210 mm and needs 330 x ")
     assert "A4 offers 297 x 210 mm: the largest square that fits is 24" in message
-    assert message.endswith(", or use A3")
+    assert message.endswith(", or use --paper A3")
     largest = float(re.search(r"fits is ([\d.]+)mm", message)[1]) / 1e3
     lay_out(checkerboard(9, 6, largest), "A4")
-    with pytest.raises(ValueError, match="or use A3"):
+    with pytest.raises(ValueError, match="or use --paper A3"):
         lay_out(checkerboard(9, 6, largest + 2e-4), "A4")
 
 
@@ -244,15 +244,20 @@ def test_smallest_paper_is_the_smallest_that_fits(board, names, monkeypatch):
     smallest = smallest_paper(board)
     lay_out(board, smallest)
     for smaller in names[: names.index(smallest)]:
-        with pytest.raises(ValueError, match=f"or use {smallest}$"):
+        with pytest.raises(ValueError, match=f"or use --paper {smallest}$"):
             lay_out(board, smaller)
 
 
 def test_board_larger_than_a0_raises_with_a_paper_that_fits():
     board = aprilgrid(10, 8, 0.2, 0.3)
-    with pytest.raises(ValueError, match="more than A0: specify --paper, such as") as caught:
-        smallest_paper(board)
-    lay_out(board, re.search(r"such as (\d+x\d+mm)", str(caught.value))[1])
+    with pytest.raises(ValueError, match="or use --paper ") as caught:
+        lay_out(board, "A0")
+    lay_out(board, re.search(r"--paper (\d+x\d+mm)$", str(caught.value))[1])
+
+
+def test_board_larger_than_any_paper_raises_with_the_largest_square_that_fits():
+    with pytest.raises(ValueError, match=r"A0 offers .*: the largest square that fits is \d+.*mm$"):
+        lay_out(checkerboard(9, 6, 3.0), "A0")
 
 
 def test_paper_sizes():

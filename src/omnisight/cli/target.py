@@ -63,10 +63,10 @@ def target(
         aprilgrid: gap between tags over a tag's side, 0.3 by default. circles: distance of a row from
         the next with its unit, such as 18mm; symmetric_circles: distance of neighbouring circles.
     diameter
-        circles: diameter of a circle; the spacing by default.
+        Diameter of a circle; by default the spacing for circles, and 0.4 of it for symmetric_circles, as in OpenCV.
     paper
-        A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; by default the smallest that fits of A4 to A0,
-        or of Letter and larger where Letter is in use (by LC_PAPER or LANG).
+        A0 to A5, Letter, Legal, Tabloid, or a size such as 600x400mm; A4 by default, or Letter where it is in use (by
+        LC_PAPER or LANG).
     output
         The PDF to write; SVG and JSON are written next to it. By default it is named after the board and its size.
         Only drawings of omnisight's and the JSON of the same board are overwritten.

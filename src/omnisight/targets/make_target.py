@@ -10,7 +10,8 @@ from omnisight.targets.boards._aruco import full_name
 from omnisight.targets.boards._protocol import parse_pattern
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Page
-from omnisight.targets.printing.page import lay_out, smallest_paper
+from omnisight.targets.printing.page import lay_out
+from omnisight.targets.printing.paper import default_paper
 from omnisight.targets.printing.pdf import render_pdf
 from omnisight.targets.printing.svg import render_svg
 from omnisight.targets.target_file import load_board, save_board
@@ -70,7 +71,7 @@ def write_target(board: Board, output: str | Path | None = None, paper: str | No
     output : str or Path, optional
         Name of the PDF; by default kind, pattern and size of the board.
     paper : str, optional
-        Name or size of the paper; by default the smallest of the user's territory (A4 or Letter, and larger) that fits.
+        Name or size of the paper; by default A4, or Letter where it is in use (by LC_PAPER or LANG).
 
     Raises
     ------
@@ -78,7 +79,7 @@ def write_target(board: Board, output: str | Path | None = None, paper: str | No
         If the board does not fit on the paper, or a file exists that is not a drawing of omnisight's, or another
         board's.
     """
-    paper = paper or smallest_paper(board)
+    paper = paper or default_paper()
     page = lay_out(board, paper)
     size = next((format_length(length) for length in board.lengths().values()), "")
     pdf, svg, json = _output_files(Path(output or f"{board.kind}_{board}_{size}.pdf"), board)

@@ -1,6 +1,6 @@
 """The symmetric circle grid: discs in straight rows and columns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -29,6 +29,9 @@ class SymmetricCircles(CircleGrid):
 
     kind: ClassVar[str] = "symmetric_circles"
     is_staggered: ClassVar[bool] = False
+
+    # The default is that of OpenCV's gen_pattern.py: the spacing over the radius is 5.
+    diameter: float | None = field(default=None, metadata={"length": True, "default": (0.4, "spacing")})
 
     @property
     def pitch(self) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from omnisight.targets.length import format_length
 from omnisight.targets.printing.drawing import Page, Shape, Text, rectangle, translated
-from omnisight.targets.printing.paper import local_series, millimetres, paper_sizes
+from omnisight.targets.printing.paper import MAX_SIDE, local_series, millimetres, paper_sizes
 
 if TYPE_CHECKING:
     from omnisight.targets.boards import Board
@@ -68,17 +68,13 @@ def lay_out(board: "Board", paper: str) -> Page:
     )
 
 
-def smallest_paper(board: "Board") -> str:
-    """Return the smallest paper of the user's territory that the board fits on; raise ValueError if there is none."""
-    check_printable(board)
-    for paper in local_series():
-        if _fits(board, paper):
-            return paper
-    width, height = _required_size(board)
-    raise ValueError(
-        f"the {board} {board.kind} needs {millimetres(width, height)} of paper, more than A0: specify --paper, such as"
-        f" {math.ceil(width * 100) * 10}x{math.ceil(height * 100) * 10}mm"
-    )
+def smallest_paper(board: "Board") -> str | None:
+    """Return the smallest paper that a board fits on: of the user's territory or, beyond A0, its size; None if none."""
+    if named := next((name for name in local_series() if _fits(board, name)), None):
+        return named
+    # Rounded up to a centimetre.
+    width, height = (math.ceil(side * 100) / 100 for side in _required_size(board))
+    return f"{width * 1e3:.0f}x{height * 1e3:.0f}mm" if max(width, height) <= MAX_SIDE else None
 
 
 def check_printable(board: "Board") -> None:
@@ -129,8 +125,8 @@ def _does_not_fit(board: "Board", paper: str, scale: float) -> str:
         name, value = next(iter(smaller.items()))
         if value > 0:
             solutions.append(f"the largest {name} that fits is {format_length(value)}")
-    if larger := next((name for name in local_series() if _fits(board, name)), None):
-        solutions.append(f"use {larger}")
+    if larger := smallest_paper(board):
+        solutions.append(f"use --paper {larger}")
     return f"{message}: {', or '.join(solutions)}" if solutions else f"{message}."
 
 

@@ -19,7 +19,7 @@ PAPERS = {
     "Tabloid": (0.2794, 0.4318),
 }
 
-# Candidates of a board for which no paper is specified, smallest first.
+# The default paper, and the larger ones that a message proposes, smallest first.
 ISO_SERIES = ("A4", "A3", "A2", "A1", "A0")
 LETTER_SERIES = ("Letter", "Tabloid", "A2", "A1", "A0")
 # Territories that use US Letter, by the Unicode CLDR.
@@ -65,6 +65,11 @@ def local_series() -> tuple[str, ...]:
     locale = next((value for name in ("LC_ALL", "LC_PAPER", "LANG") if (value := os.environ.get(name))), "")
     territory = re.match(r"[a-z]{2,3}_([A-Z]{2})\b", locale)
     return LETTER_SERIES if territory is not None and territory[1] in LETTER_TERRITORIES else ISO_SERIES
+
+
+def default_paper() -> str:
+    """Return the paper of a board for which none is specified: A4, or Letter where that is in use."""
+    return local_series()[0]
 
 
 def millimetres(width: float, height: float) -> str:
