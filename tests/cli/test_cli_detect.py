@@ -60,7 +60,7 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(run, shots):
     status, out, _ = run("detect", shots, "--pattern", "10x7")
     assert status == 0
     assert "detected  10x7 in 0 of 6 images, 0 corners" in out
-    assert "10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
+    assert "Use --pattern 9x6 or --squares 10x7." in out
     assert "no 10x7 board detected, but one of 9x6" in line_of(out, "3.png")
 
 

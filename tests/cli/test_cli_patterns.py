@@ -21,16 +21,18 @@ def test_columns_and_rows_may_be_swapped_and_squares_counted(run, shots):
 
 
 @pytest.mark.parametrize(
-    ("pattern", "reason"),
-    [("10x7", "10x7 squares have 9x6 inner corners"), ("7x5", "did you count squares?")],
+    ("option", "requested"),
+    [
+        (("--pattern", "10x7"), "10x7 (11x8 squares)"),
+        (("--pattern", "7x5"), "7x5 (8x6 squares)"),
+        (("--squares", "9x6"), "8x5 (9x6 squares)"),
+    ],
 )
-def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, reason):
-    message = refuses("calibrate", shots, "--pattern", pattern)
-    assert f"{pattern} board detected in 0 of 6 images" in message
-    assert (
-        f"found a 9x6 grid of inner corners in 6/6 images, but the requested board is {pattern} ({reason})" in message
-    )
-    assert "Use --pattern 9x6." in message
+def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, option, requested):
+    message = refuses("calibrate", shots, *option)
+    assert f"{requested.split()[0]} board detected in 0 of 6 images" in message
+    assert "found a 9x6 grid of inner corners (10x7 squares) in 6/6 images" in message
+    assert f"but the requested board is {requested}. Use --pattern 9x6 or --squares 10x7." in message
 
 
 @pytest.mark.parametrize(
@@ -40,6 +42,11 @@ def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, pattern, 
             ("--pattern", "9"),
             "cannot read the pattern '9': expected COLUMNSxROWS, inner corners of a checkerboard",
         ),
+        (
+            ("--squares", "10by7"),
+            "cannot read the squares '10by7': expected COLUMNSxROWS, squares of a checkerboard, such as 10x7",
+        ),
+        (("--squares", "3x9"), "a board needs 3x3 inner corners or more, got 2x8 (3x9 squares)"),
         (("--pattern", "9x6", "--squares", "10x7"), "specify either --pattern, the inner corners, or --squares"),
         (("--target", "board.json", "--squares", "10x7"), "specify either --target or --pattern and --square"),
         (("--pattern", "2x9"), "a board needs 3x3 inner corners or more, got 2x9"),
@@ -74,7 +81,7 @@ def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
         in message
     )
     message = refuses("calibrate", tmp_path, "--pattern", "9x6")
-    assert "9x6 board detected in 0 of 3 images: does --pattern count inner corners" in message
+    assert "9x6 board detected in 0 of 3 images: does it have 9x6 inner corners, which are 10x7 squares?" in message
     assert "0.png: no 9x6 board detected" in message
 
 

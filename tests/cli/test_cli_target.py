@@ -57,6 +57,12 @@ def test_target_make_writes_three_files_and_prints_them(make, tmp_path, argument
     assert "note" not in out
 
 
+@pytest.mark.parametrize("kind", ["checkerboard", "charuco"])
+def test_a_board_may_be_specified_by_its_squares(make, tmp_path, kind):
+    assert make(kind, "--squares", "10x7", "--square", "24mm", "-o", "b.pdf")[0] == 0
+    assert str(load_board(tmp_path / "b.json")) == "9x6"
+
+
 def test_symmetric_circles_have_the_diameter_of_opencv_by_default(make, tmp_path):
     status, _, err = make("symmetric_circles", "7x6", "--spacing", "20mm", "-o", "b.pdf")
     assert (status, err) == (0, "")
@@ -113,6 +119,16 @@ def test_symmetric_board_gives_a_note_with_an_alternative(make, kind, pattern, o
         (("checkerboard", "9x6", "--square", "30mm", "--paper", "B4"), "cannot read the paper 'B4'"),
         (("checkerboard", "2x6", "--square", "30mm"), "needs 3x3 inner corners or more, got 2x6"),
         (("checkerboard", "9x6", "--square", "3m"), "the largest square that fits is 24.3mm"),
+        (("checkerboard", "--square", "24mm"), "the target checkerboard needs its pattern, such as 9x6"),
+        (
+            ("checkerboard", "9x6", "--squares", "10x7", "--square", "24mm"),
+            "the target checkerboard: specify either its pattern or --squares",
+        ),
+        (
+            ("circles", "--squares", "10x7", "--spacing", "9mm"),
+            "the target circles has no squares: specify its pattern, such as 9x6, not --squares",
+        ),
+        (("charuco", "--squares", "10by7"), "cannot read the squares '10by7': expected COLUMNSxROWS, squares"),
         (("charuco", "9x6"), "the target charuco needs --square, a length with its unit, such as 24mm"),
         (("charuco", "9x6", "--square", "x"), "cannot read the length 'x'"),
         (("charuco", "9x6", "--square", "3cm", "--dictionary", "DICT_9"), "such as DICT_5X5_100"),

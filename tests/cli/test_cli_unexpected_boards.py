@@ -80,8 +80,8 @@ def test_missing_board_with_markers_is_reported_with_its_fields(refuses, charuco
 def test_counted_squares_give_a_hint_with_the_right_pattern(run, shots, tmp_path):
     status, out, _ = run("detect", shots, "--pattern", "10x7", "-o", tmp_path / "drawn")
     assert status == 0
-    assert "found a 9x6 grid of inner corners in 6/6 images, but the requested board is 10x7" in out
-    assert "(10x7 squares have 9x6 inner corners). Use --pattern 9x6." in out
+    assert "found a 9x6 grid of inner corners (10x7 squares) in 6/6 images, but the requested board is 10x7" in out
+    assert "(11x8 squares). Use --pattern 9x6 or --squares 10x7." in out
 
 
 def test_swapped_rows_and_columns_give_the_same_corners(run, shots):

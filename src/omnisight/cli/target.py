@@ -12,9 +12,10 @@ GROUP = "Calibration"
 
 def target(
     kind: str,
-    pattern: str,
+    pattern: str | None = None,
     /,
     *,
+    squares: str | None = None,
     square: str | None = None,
     marker: str | None = None,
     separation: str | None = None,
@@ -43,6 +44,8 @@ def target(
         symmetric_circles.
     pattern
         Columns x rows: inner corners of a checkerboard or charuco (10x7 squares have 9x6), tags, markers, circles.
+    squares
+        checkerboard, charuco: squares, columns x rows, in place of the pattern: 10x7.
     square
         Side of a square with its unit: 30mm.
     marker
@@ -74,7 +77,8 @@ def target(
     from omnisight.cli._target_report import print_json, print_report
     from omnisight.targets.make_target import new_board, write_target
 
-    values = {"square": square, "marker": marker, "dictionary": dictionary, "legacy": legacy or None, "tag": tag}
+    values = {"squares": squares, "square": square, "marker": marker, "dictionary": dictionary, "tag": tag}
+    values |= {"legacy": legacy or None}
     values |= {"first_marker": first_marker, "separation": separation, "spacing": spacing, "diameter": diameter}
     board = new_board(kind, pattern, {name: value for name, value in values.items() if value is not None})
     files = write_target(board, output, paper)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from omnisight.targets import Board, Checkerboard, Detections, ImageDetection, PointTarget
+from omnisight.targets.boards.checkerboard import squares_text
 from omnisight.targets.observations import Observations
 
 # Gray levels of the board's white: above, it is clipped; below, noise is high.
@@ -22,7 +23,8 @@ MAX_LISTED = 5
 def board_advice(board: Board | PointTarget) -> str:
     """Return what to check if a board is not detected."""
     if isinstance(board, Checkerboard):
-        return "does --pattern count inner corners, one less than squares each way? Is the board sharp, and lit evenly?"
+        size = f"{board} inner corners, which are {squares_text(board.columns, board.rows)}"
+        return f"does it have {size}? Is it sharp, and lit evenly?"
     fields = ", ".join(f"{key} {value}" for key, value in board.to_dict().items() if key != "target")
     return f"is it really this {board.kind}: {fields}? Is it sharp, and large enough to decode its markers?"
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import UnreadableImage
 from omnisight.targets.boards import Board
-from omnisight.targets.boards.checkerboard import Checkerboard
+from omnisight.targets.boards.checkerboard import Checkerboard, squares_text
 from omnisight.targets.detections import Detection, Detections, ImageDetection, boards_note
 from omnisight.targets.detectors import detect
 from omnisight.targets.detectors.checkerboard.board_assignment import (
@@ -175,9 +175,8 @@ def _pattern_hint(
     if count <= complete:
         return None
     columns, rows = pattern
-    counted_squares = sorted((board.columns - 1, board.rows - 1)) == sorted(pattern)
-    reason = f"{board} squares have {columns}x{rows} inner corners" if counted_squares else "did you count squares?"
     return (
-        f"found a {columns}x{rows} grid of inner corners in {count}/{len(raw)} images, but the requested board is"
-        f" {board} ({reason}). Use --pattern {columns}x{rows}."
+        f"found a {columns}x{rows} grid of inner corners ({squares_text(columns, rows)}) in {count}/{len(raw)} images,"
+        f" but the requested board is {board} ({squares_text(board.columns, board.rows)}). Use --pattern"
+        f" {columns}x{rows} or --squares {columns + 1}x{rows + 1}."
     )

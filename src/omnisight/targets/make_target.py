@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from omnisight.images import write_bytes
 from omnisight.targets.boards import Board, board_class
 from omnisight.targets.boards._aruco import full_name
-from omnisight.targets.boards._protocol import parse_pattern
+from omnisight.targets.boards._protocol import parse_pattern, parse_squares
 from omnisight.targets.length import format_length, parse_length
 from omnisight.targets.printing.drawing import Page
 from omnisight.targets.printing.page import lay_out
@@ -27,15 +27,15 @@ class TargetFiles(NamedTuple):
     json: Path
 
 
-def new_board(kind: str, pattern: str, values: dict[str, Any]) -> Board:
+def new_board(kind: str, pattern: str | None, values: dict[str, Any]) -> Board:
     """Build a board to print; fields without a value take their defaults.
 
     Parameters
     ----------
     kind : str
         A name of `board_kinds`.
-    pattern : str
-        Columns x rows, such as 9x6.
+    pattern : str or None
+        Columns x rows, such as 9x6; None if the values contain `squares`, such as 10x7.
     values : dict
         Other fields by name: lengths as text with their unit, such as 24mm, numbers also as text.
 
@@ -45,7 +45,8 @@ def new_board(kind: str, pattern: str, values: dict[str, Any]) -> Board:
         For an unknown kind or field, an unreadable value, or a missing length.
     """
     cls = board_class(kind)
-    fields: dict[str, Any] = {**parse_pattern(pattern), **values}
+    fields: dict[str, Any] = {**values}
+    fields |= _columns_and_rows(cls, pattern, fields.pop("squares", None))
     if "dictionary" in fields:
         fields["dictionary"] = full_name(fields["dictionary"])
     for field in dataclasses.fields(cls):
@@ -94,6 +95,18 @@ def asymmetric_alternative(board: Board) -> Board | None:
     steps = ((1, 0), (0, 1), (-1, 0), (0, -1))
     others = [dataclasses.replace(board, columns=board.columns + i, rows=board.rows + j) for i, j in steps]
     return next((other for other in others if not other.is_symmetric), None)
+
+
+def _columns_and_rows(cls: type[Board], pattern: str | None, squares: str | None) -> dict[str, int]:
+    """Return the fields `columns` and `rows` by the pattern or, of a board with squares, by their number."""
+    if (pattern is None) == (squares is None):
+        advice = ": specify either its pattern or --squares" if pattern else " needs its pattern, such as 9x6"
+        raise ValueError(f"the target {cls.kind}{advice}")
+    if squares is None:
+        return parse_pattern(pattern or "")
+    if all(field.name != "square" for field in dataclasses.fields(cls)):
+        raise ValueError(f"the target {cls.kind} has no squares: specify its pattern, such as 9x6, not --squares")
+    return parse_squares(squares)
 
 
 def _number(name: str, text: str) -> float:

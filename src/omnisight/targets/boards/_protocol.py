@@ -147,13 +147,26 @@ class Board(Displayed, ABC):
 
 def parse_pattern(text: str) -> dict[str, int]:
     """Parse `columns` and `rows` from `9x6`, `9,6` or `9 x 6`."""
-    match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", text)
-    if match is None:
+    if (counts := _counts(text)) is None:
         raise ValueError(
             f"cannot read the pattern {text[:40]!r}: expected COLUMNSxROWS, inner corners of a checkerboard, such as"
             " 9x6"
         )
-    return {"columns": int(match[1]), "rows": int(match[2])}
+    return {"columns": counts[0], "rows": counts[1]}
+
+
+def parse_squares(text: str) -> dict[str, int]:
+    """Parse `columns` and `rows` of inner corners from the number of squares, one more each way, such as `10x7`."""
+    if (counts := _counts(text)) is None:
+        raise ValueError(
+            f"cannot read the squares {text[:40]!r}: expected COLUMNSxROWS, squares of a checkerboard, such as 10x7"
+        )
+    return {"columns": counts[0] - 1, "rows": counts[1] - 1}
+
+
+def _counts(text: str) -> tuple[int, int] | None:
+    match = re.fullmatch(r"\s*([0-9]{1,4})\s*[xX×,]\s*([0-9]{1,4})\s*", text)
+    return None if match is None else (int(match[1]), int(match[2]))
 
 
 def grid_points(columns: int, rows: int, step: float) -> NDArray[np.float64]:

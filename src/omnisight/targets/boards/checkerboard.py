@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.targets.boards._protocol import Board, grid_points, parse_pattern
+from omnisight.targets.boards._protocol import Board, grid_points, parse_pattern, parse_squares
 from omnisight.targets.length import parse_length
 from omnisight.targets.printing.drawing import Shape, rectangle
 
@@ -36,6 +36,7 @@ class Checkerboard(Board):
         if min(self.columns, self.rows) < MIN_CORNERS:
             raise ValueError(
                 f"a board needs {MIN_CORNERS}x{MIN_CORNERS} inner corners or more, got {self.columns}x{self.rows}"
+                f" ({squares_text(self.columns, self.rows)})"
             )
         if self.square is not None and not 0 < self.square < np.inf:
             raise ValueError(f"a square needs a positive side in metres, got {self.square}")
@@ -62,8 +63,8 @@ class Checkerboard(Board):
     @classmethod
     def of_squares(cls, squares: str, square: str | None = None) -> "Checkerboard":
         """Build a board from its number of squares, columns then rows, such as `10x7`; see `parse`."""
-        size = parse_pattern(squares)
-        return cls(size["columns"] - 1, size["rows"] - 1, None if square is None else parse_length(square))
+        size = parse_squares(squares)
+        return cls(size["columns"], size["rows"], None if square is None else parse_length(square))
 
     @property
     def is_symmetric(self) -> bool:
@@ -107,3 +108,8 @@ class Checkerboard(Board):
         if self.square is None:
             raise ValueError(f"the side of a square of the {self} board is unknown: specify it, such as 30mm")
         return self.square
+
+
+def squares_text(columns: int, rows: int) -> str:
+    """Format the number of squares of a board by its inner corners: 10x7 squares for 9 and 6."""
+    return f"{columns + 1}x{rows + 1} squares"
