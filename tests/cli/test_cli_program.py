@@ -2,6 +2,7 @@
 
 import os
 import pkgutil
+import pty
 import re
 import shutil
 import subprocess
@@ -84,10 +85,55 @@ def test_the_shell_completes_commands_and_options(tmp_path):
     install = [sys.executable, "-m", "omnisight", "--install-completion", "--shell", "bash", "-o", str(script)]
     subprocess.run(install, check=True, capture_output=True, env={**os.environ, "HOME": str(tmp_path)})
     words = "COMP_WORDS=({}); COMP_CWORD={}; _omnisight; echo ${{COMPREPLY[@]}}"
-    for typed, count, completed in (("omnisight odo", 1, "odometry"), ("omnisight calibrate --patt", 2, "--pattern")):
+    cases = (
+        ("omnisight odo", 1, "odometry"),
+        ("omnisight calibrate --patt", 2, "--pattern"),
+        ("omnisight calibrate images --model kannala", 4, "kannala_brandt"),
+        ("omnisight export camera.json --to ffm", 4, "ffmpeg"),
+        ("omnisight convert camera.json --to kali", 4, "kalibr"),
+        ("omnisight target charuco 9x6 --paper Leg", 5, "Legal"),
+        ("omnisight target apr", 2, "aprilgrid"),
+    )
+    for typed, count, completed in cases:
         command = f"source {script}; {words.format(typed, count)}"
         done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=True)
         assert done.stdout.split() == [completed]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("omnisight view cli", "view clip.mp4 "),
+        ("omnisight calibrate ha", "calibrate hall/"),
+        ("omnisight view clip.mp4 -o ou", "-o out.png "),
+        ("omnisight inspect cam", "inspect camera.json "),
+    ],
+)
+def test_an_interactive_shell_completes_files(tmp_path, typed, completed):
+    install = [sys.executable, "-m", "omnisight", "--install-completion", "--shell", "bash", "-o", "complete.bash"]
+    environment = {**os.environ, "HOME": str(tmp_path), "PS1": "ready> ", "TERM": "dumb"}
+    subprocess.run(install, check=True, capture_output=True, env=environment, cwd=tmp_path)
+    (tmp_path / "hall").mkdir()
+    for name in ("clip.mp4", "out.png", "camera.json"):
+        (tmp_path / name).touch()
+    keyboard, terminal = pty.openpty()
+    streams = {"stdin": terminal, "stdout": terminal, "stderr": terminal}
+    with subprocess.Popen(["bash", "--norc", "-i"], **streams, env=environment, cwd=tmp_path):
+        os.close(terminal)
+        for line in ("source complete.bash\n", f"{typed}\t|\x15", "exit\n"):
+            shown = _read_until(keyboard, b"|" if line == "exit\n" else b"ready> ")
+            os.write(keyboard, line.encode())
+    os.close(keyboard)
+    assert f"{completed}|" in shown
+
+
+def _read_until(terminal: int, end: bytes) -> str:
+    """Return what a terminal shows up to some text."""
+    shown = b""
+    while end not in shown:
+        shown += os.read(terminal, 4096)
+    return shown.decode()
 
 
 def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file, monkeypatch):

@@ -35,6 +35,9 @@ def application(first: str = "") -> "App":
     import omnisight
     from omnisight.cli._output import with_output_options
 
+    if first == "--install-completion":  # imports all extensions
+        from omnisight.cli._completion import CompletedApp as App
+
     app = App(
         name="omnisight",
         help=HELP,

@@ -24,20 +24,21 @@ def dictionary_named(name: str) -> Any:
 
 def full_name(text: str) -> str:
     """Return OpenCV's name of a dictionary written as 4x4_50 or dict_4X4_50; unknown names stay as they are."""
-    known = {name.upper(): name for name in _names()}
+    known = {name.upper(): name for name in dictionary_names()}
     upper = text.strip().upper()
     return known.get(upper) or known.get(f"DICT_{upper}") or text
 
 
-def _names() -> list[str]:
+def dictionary_names() -> tuple[str, ...]:
+    """Return OpenCV's names of the dictionaries."""
     import cv2
 
-    return sorted({name.upper(): name for name in dir(cv2.aruco) if name.startswith("DICT_")}.values())
+    return tuple(sorted({name.upper(): name for name in dir(cv2.aruco) if name.startswith("DICT_")}.values()))
 
 
 def _suggestion(text: str) -> str:
     """Return a question with the dictionaries of similar name, or examples."""
-    names = {name.upper(): name for name in _names()}
+    names = {name.upper(): name for name in dictionary_names()}
     bare = text.strip().upper().removeprefix("DICT_")
     close = [name for upper, name in names.items() if len(bare) > 2 and bare in upper]
     close = close or [names[name] for name in difflib.get_close_matches(f"DICT_{bare[:40]}", names, cutoff=0.75)]
