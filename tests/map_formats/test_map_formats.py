@@ -8,6 +8,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -97,6 +98,20 @@ def test_ffmpeg_applies_the_map_to_every_frame_of_a_clip(tmp_path, monkeypatch):
     assert len(list(Path().glob("frame*.png"))) == 10
     assert all(frame.shape == (120, 160, 3) for frame in frames)
     assert min(frame[result.table.covered].std() for frame in frames) > 20
+
+
+@needs_ffmpeg
+@pytest.mark.parametrize(("size", "pixels"), [((160, 120), "yuv420p"), ((161, 120), "yuv444p")])
+def test_the_clip_of_ffmpeg_has_the_pixel_format_that_players_decode(tmp_path, monkeypatch, size, pixels):
+    monkeypatch.chdir(tmp_path)
+    result = exported(FISHEYE, Path("map"), "ffmpeg", om.ViewOptions(fov=100, size=size))
+    source = f"testsrc=size={FISHEYE.width}x{FISHEYE.height}:rate=10:duration=0.3"
+    make = ["ffmpeg", "-v", "error", "-f", "lavfi", "-i", source, "-pix_fmt", "yuv420p", "clip.mp4"]
+    subprocess.run(make, check=True)
+    command = result.usage.replace("INPUT", "clip.mp4").replace("OUTPUT", "view.mp4")
+    subprocess.run(command.replace("ffmpeg", "ffmpeg -v error", 1), shell=True, check=True)
+    with av.open("view.mp4") as clip:
+        assert clip.streams.video[0].format.name == pixels
 
 
 def test_an_independent_reader_reads_the_exr(tmp_path):

@@ -32,7 +32,11 @@ def convert(table: RemapTable, output: Path) -> MapFiles:
     scaler = SCALER.get(table.interpolation)
     enlarge = f"[0:v]scale={factor * width}:{factor * height}:flags={scaler}[image];" if factor > 1 else ""
     chain = f"{enlarge}[{'image' if enlarge else '0:v'}][1:v][2:v]remap=fill=black[view]"
-    usage = f"ffmpeg -i INPUT -i {files[0]} -i {files[1]} -filter_complex '{chain}' -map '[view]' -map '0:a?' OUTPUT"
+    # The filter outputs 4:4:4, and many players cannot decode it in H.264. FFmpeg ignores the option where the encoder
+    # lacks the format, such as for PNG. The encoder refuses 4:2:0 for odd sizes.
+    pixels = "" if any(side % 2 for side in table.u.shape) else " -pix_fmt yuv420p"
+    inputs = f"-i INPUT -i {files[0]} -i {files[1]}"
+    usage = f"ffmpeg {inputs} -filter_complex '{chain}' -map '[view]' -map '0:a?'{pixels} OUTPUT"
     data = tuple((file, encode_image(values, file.name)) for file, values in zip(files, (columns, rows), strict=True))
     return MapFiles(data, usage)
 
