@@ -79,6 +79,27 @@ def test_an_unknown_command_gets_the_closest_one(run):
     assert 'Did you mean "calibrate"?' in out + err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ("view", "clip.mp4", "-o", "o.mp4", "--fov", "90", "80"),
+            "unexpected argument 80: --fov accepts one value; for several, repeat it: --fov 90 --fov 80",
+        ),
+        (
+            ("target", "checkerboard", "9x6", "--square", "24", "mm"),
+            "unexpected argument mm: --square accepts one value",
+        ),
+        (
+            ("target", "make", "checkerboard", "9x6"),
+            "unexpected argument 9x6: omnisight target accepts KIND PATTERN; omnisight target --help describes them",
+        ),
+    ],
+)
+def test_an_unexpected_argument_is_named_with_what_to_do(run, arguments, message):
+    assert run(*arguments) == (2, "", f"omnisight: {message}\n")
+
+
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
 def test_the_shell_completes_commands_and_options(tmp_path):
     script = tmp_path / "complete.bash"

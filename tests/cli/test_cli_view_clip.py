@@ -1,5 +1,6 @@
 """omnisight view with clips, against remapped images and rendered motion."""
 
+import contextlib
 import json
 from itertools import pairwise
 
@@ -126,6 +127,8 @@ def test_a_following_view_loses_the_shake_but_turns(source, view, rotations):
         (("-o", "a.mp4", "-o", "b.mp4", "--yaw", "1", "--yaw", "2", "--yaw", "3"), "--yaw is given 3 times"),
         (("-o", "a.mp4", "-o", "a.mp4"), "two views have the same file"),
         (("-o", "a.mp4", "--follow", "1"), "specify their file too"),
+        (("-o", "a.mp4", "--pan", "0:9", "--yaw", "10"), "--yaw 10: --pan contains the yaw; leave out one of them"),
+        (("-o", "a.mp4", "--path", "fov.csv", "--fov", "80"), "--fov 80: --path fov.csv contains the fov; leave out"),
         (("-o", "a.mp4", "--pan", "0:9", "--mark"), "views that do not move"),
         (("-o", "a.mp4", "--path", "bad.csv"), "bad.csv, line 3: expected 2 numbers, got '1,x'"),
         (("-o", "a.mp4", "--path", "header.csv"), "expected a header such as time,yaw,pitch,roll,fov"),
@@ -141,10 +144,41 @@ def test_unusable_options_are_refused_before_a_file_is_written(
     (tmp_path / "bad.csv").write_text("time,yaw\n0,1\n1,x\n", encoding="utf-8")
     (tmp_path / "header.csv").write_text("t,y\n0,1\n", encoding="utf-8")
     (tmp_path / "order.csv").write_text("time,yaw\n1,1\n1,2\n", encoding="utf-8")
+    (tmp_path / "fov.csv").write_text("time,fov\n0,60\n", encoding="utf-8")
     (tmp_path / "late.tum").write_text("900 0 0 0 0 0 0 1\n", encoding="utf-8")
     before = sorted(tmp_path.iterdir())
     assert message in refuses("view", source / "clip.avi", "--camera", source / "camera.json", *arguments)
     assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "note"),
+    [
+        (("--size", "241x161"), "240x160 instead of 241x161 px: video codecs need even sides"),
+        (("--size", "240x160", "--to", "planet"), "160x160 instead of 240x160 px: a planet is square"),
+        (("--size", "240x200", "--to", "cylinder"), "px: its height follows from the width and the field of view"),
+        (("--size", "240", "--to", "cylinder"), None),
+        (("--size", "240x160"), None),
+    ],
+)
+def test_another_size_than_requested_is_noted(run, source, tmp_path, arguments, note):
+    command = "view", source / "clip.avi", "--camera", source / "camera.json", "-o", tmp_path / "a.mp4"
+    status, out, _ = run(*command, *arguments)
+    assert status == 0
+    assert ("note      " in out) is (note is not None)
+    assert (note or "") in out
+
+
+def test_an_interrupted_view_names_the_file_that_can_be_played(run, source, tmp_path, monkeypatch):
+    def stop_at(stage, done, total):
+        if done == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("omnisight.cli.view.progress", lambda: contextlib.nullcontext(stop_at))
+    partial = tmp_path / "a.partial.mp4"
+    status, _, err = run("view", source / "clip.avi", "--camera", source / "camera.json", "-o", tmp_path / "a.mp4")
+    assert (status, err) == (130, f"omnisight: interrupted; {partial} has the first 4 frames\n")
+    assert len(list(Clip.open(partial).frames())) == 4
 
 
 def test_motion_needs_a_clip(refuses, shots, camera_file, tmp_path):

@@ -15,8 +15,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 if TYPE_CHECKING:
-    from cyclopts import App, CycloptsError
-    from rich.text import Text
+    from cyclopts import App
 
 EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED = 1, 2, 130
 
@@ -49,7 +48,6 @@ def application(first: str = "") -> "App":
             show_default=lambda value: None if value is None or value is False or value == () else str(value),
         ),
         suppress_keyboard_interrupt=False,
-        error_formatter=_option_error,
     )
     groups = {name: Group(name, sort_key=index) for index, name in enumerate(GROUPS)}
     modules = [found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")]
@@ -87,14 +85,17 @@ def main(arguments: list[str] | None = None) -> None:
     except FileNotFoundError:  # numba needs an existing working directory
         os.chdir(os.sep)
     try:
-        app(tokens, exit_on_error=False)
-    except CycloptsError:  # cyclopts has printed the message
+        app(tokens, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        from omnisight.cli._option_errors import option_error
+
+        _print_error(option_error(error))
         sys.exit(EXIT_INPUT)
     except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
-    except KeyboardInterrupt:
-        _print_error("interrupted")
+    except KeyboardInterrupt as error:
+        _print_error(_interruption(error))
         sys.exit(EXIT_INTERRUPTED)
     except (ValueError, OSError) as error:
         if debug:
@@ -105,7 +106,7 @@ def main(arguments: list[str] | None = None) -> None:
         if debug:
             raise
         if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):  # in a compiled loop
-            _print_error("interrupted")
+            _print_error(_interruption(error))
             sys.exit(EXIT_INTERRUPTED)
         _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
         sys.exit(EXIT_FAILED)
@@ -128,25 +129,16 @@ def run() -> NoReturn:
     os._exit(status)
 
 
-def _option_error(error: "CycloptsError") -> "Text":
-    """Return the message of an error of the options."""
-    from cyclopts import MissingArgumentError
-    from rich.text import Text
-
-    message = str(error)
-    if isinstance(error, MissingArgumentError) and error.argument is not None:
-        command = " ".join(("omnisight", *(error.command_chain or ())))
-        message = f"{error.argument.name} is missing; {command} --help describes it"
-        if error.keyword is not None:
-            message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
-    return Text(f"omnisight: {message}", no_wrap=True, overflow="ignore")
-
-
 def _error_message(error: Exception) -> str:
     """Return the message of an error; that of a file starts with its name."""
     if isinstance(error, OSError) and error.filename:
         return f"{error.filename}: {error.strerror}"
     return str(error)
+
+
+def _interruption(error: BaseException) -> str:
+    """Return the message of an interruption, with the unfinished files that can be used."""
+    return "; ".join(("interrupted", *getattr(error, "__notes__", ())))
 
 
 def _print_error(message: str) -> None:

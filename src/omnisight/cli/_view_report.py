@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnisight.cli._output import write_json
 from omnisight.pipeline.view import ViewResult
+from omnisight.pipeline.view_options import PANORAMAS
 
 if TYPE_CHECKING:
     from omnisight.pipeline.view_clip import ClipViews
@@ -53,8 +54,26 @@ def _print_view(result: ViewResult) -> None:
     centre, edge = result.magnification
     print(f"view      {options.to}, {target.width}x{target.height}{faces}")
     covered = f"{result.view_fraction:.0%} of the view is covered"
+    if note := _size_note(result):
+        print(f"note      {note}")
     print(f"coverage  {result.image_fraction:.0%} of the image is visible, {covered}")
     print(f"scale     1 px of the image is {centre:.2f} px wide in the centre of the view, {edge:.2f} px at its edge")
+
+
+def _size_note(result: ViewResult) -> str | None:
+    """Return why the view has another size than requested; None if it has not."""
+    size, (width, height) = result.options.size, result.target.size
+    if size is None or size == (width, height):
+        return None
+    if (size[0] // 2 * 2, size[1] // 2 * 2) == (width, height):
+        reason = "video codecs need even sides"
+    elif result.options.to in PANORAMAS:
+        if size[0] == size[1]:  # only the width was specified
+            return None
+        reason = "its height follows from the width and the field of view"
+    else:
+        reason = f"a {result.options.to} is square"
+    return f"{width}x{height} instead of {size[0]}x{size[1]} px: {reason}"
 
 
 def _print_hints(result: ViewResult, *, is_up_given: bool) -> None:

@@ -94,7 +94,7 @@ def view(
     path
         CSV file of keyframes of a moving view: time,yaw,pitch,roll,fov in seconds and degrees.
     pan
-        FIRST:LAST yaw of a view that turns at constant speed during the clip.
+        FIRST:LAST yaw of a view that turns at constant speed during the clip, in place of --yaw.
     stabilize
         Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
     follow

@@ -116,6 +116,8 @@ class VideoWriter:
             if self._is_sphere:
                 tag_sphere(self.partial)
             os.replace(self.partial, self.output)
+        if error is not None and self.frames:
+            error.add_note(f"{self.partial} has the first {self.frames} frames")
         if self._error is not None and kind is None:
             raise self._error
 

@@ -20,7 +20,7 @@ from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
 from omnisight.pipeline.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.view import ViewResult
-from omnisight.pipeline.view_motion import Angles, ViewMotion, moved, stabilization, view_angles
+from omnisight.pipeline.view_motion import Angles, ViewMotion, check_fixed_angles, moved, stabilization, view_angles
 from omnisight.pipeline.view_options import ViewOptions, view_target
 from omnisight.pipeline.view_renderer import hatch
 from omnisight.video_options import VideoOptions
@@ -127,6 +127,7 @@ class _ClipView:
         self._angles, self._moves = angles, motion.moves
         if options.mark and self._moves:
             raise ValueError("--mark applies to views that do not move")
+        check_fixed_angles(options, motion, angles(0.0))
         target, rotations = view_target(self._at(0.0))
         self._target, self._rotations = _even(target), rotations
         self._faces: list[FrameRemapper] = []

@@ -135,6 +135,15 @@ def read_keyframes(path: Path) -> tuple[Array, dict[str, Array]]:
     return times, columns
 
 
+def check_fixed_angles(options: ViewOptions, motion: ViewMotion, angles: dict[str, float]) -> None:
+    """Raise `ValueError` if an angle is specified that the motion replaces."""
+    for name in angles:
+        value = getattr(options, name)
+        if value is not None and (value != 0.0 or name not in ("yaw", "roll")):
+            moving = "--pan" if motion.pan is not None else f"--path {motion.path}"
+            raise ValueError(f"--{name} {value:g}: {moving} contains the {name}; leave out one of them")
+
+
 def moved(options: ViewOptions, angles: dict[str, float]) -> ViewOptions:
     """Return the options of a view with other angles."""
     return replace(options, **angles)
