@@ -136,7 +136,7 @@ def test_invalid_input(run, folder):
             "front: marks on the ground: 1 found, 4 needed",
         ),
         ((front, *rest, *rig, *output, "--ground", folder / "bad.json"), "marks must be"),
-        ((front, *rest, *rig, *output, "--ground", folder / "none.json"), "cannot be read"),
+        ((front, *rest, *rig, *output, "--ground", folder / "none.json"), "no such file or folder"),
         ((front, *rest, *rig, *output, "--pixel", "1um"), "px per side"),
         ((front, *rest, *rig, *output, "--pixel", "2"), "no unit"),
         ((front, *rest, *rig, *output, "--ground-board", front, "--square", "30mm"), "no board was detected"),

@@ -163,6 +163,10 @@ def test_dropped_images_are_left_out_and_unknown_names_are_rejected(run, refuses
     assert sorted(image_rows(out)) == [name for name in file_names(shots) if name not in ("2.png", "5.png")]
     error = refuses("calibrate", shots, *QUICK, "--drop", "nine.png")
     assert "--drop: there is no image nine.png; there are 1.png, 2.png" in error
+    error = refuses("calibrate", shots, *QUICK, "--drop", "2")
+    assert "--drop: there is no image 2 (did you mean 2.png?); there are" in error
+    error = refuses("calibrate", shots, *QUICK, "--fix", "fxx")
+    assert "no candidate model has a parameter fxx (did you mean fx?); there are: " in error
 
 
 def test_the_ocamcalib_method_prints_its_steps_and_writes_its_camera(run, shots, tmp_path):

@@ -93,7 +93,7 @@ def test_residuals_are_drawn(run, corners, camera_file, tmp_path):
             "another size",
             "camera.json: for images of 640x480 px, but these are 800x600 px: specify images as the camera",
         ),
-        ("no camera", "nowhere.json: No such file or directory"),
+        ("no camera", "nowhere.json: no such file or folder"),
         ("no board", "9x6 board detected in none of 1 images: does it have 9x6 inner corners"),
         ("a threshold", "threshold must be a positive length in px, got -1"),
         ("a size", "--image-size is for corner files; images contain their size: leave it out"),

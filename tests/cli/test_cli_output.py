@@ -97,7 +97,7 @@ def test_verbose_prints_the_time_of_each_step(run, work, command):
 def test_errors_are_printed_with_quiet(run):
     status, out, err = run("inspect", "none.json", "--quiet")
     assert (status, out) == (2, "")
-    assert err == "omnisight: none.json: No such file or directory\n"
+    assert err == "omnisight: none.json: no such file or folder\n"
 
 
 def test_quiet_and_verbose_exclude_each_other(run):

@@ -40,7 +40,7 @@ def test_the_package_runs_as_a_module_and_returns_the_exit_status(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert done.stderr == f"omnisight: {tmp_path / 'none.json'}: No such file or directory\n"
+    assert done.stderr == f"omnisight: {tmp_path / 'none.json'}: no such file or folder\n"
 
 
 def test_version(run):
@@ -167,10 +167,19 @@ def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file
 
 
 def test_debug_prints_the_traceback_of_invalid_input(run, tmp_path):
-    with pytest.raises(ValueError, match="No such file"):
+    with pytest.raises(ValueError, match="no such file"):
         run("--debug", "inspect", tmp_path / "none.json")
 
 
 def test_an_interruption_exits_with_status_130(run, camera_file, monkeypatch):
     monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(KeyboardInterrupt()))
     assert run("inspect", camera_file) == (130, "", "omnisight: interrupted\n")
+
+
+def test_a_result_folder_of_the_demo_may_be_specified_like_that_of_other_commands(run, tmp_path, monkeypatch):
+    folders = []
+    monkeypatch.setattr("omnisight.pipeline.demo.demo", lambda output, progress: folders.append(output) or ())
+    monkeypatch.setattr("omnisight.cli._demo_report.print_report", lambda results, output: None)
+    for arguments in ((tmp_path,), ("-o", tmp_path), ("--output", tmp_path)):
+        assert run("demo", *arguments)[0] == 0
+    assert folders == [tmp_path] * 3

@@ -278,7 +278,7 @@ def test_files_that_are_no_camera_are_rejected_by_name(refuses, photo, tmp_path,
     path = {"missing": tmp_path / "no.json", "folder": tmp_path, "image": photo}[what]
     said = refuses("view", photo, "--camera", path, "-o", tmp_path / "v.png")
     assert str(path) in said
-    expected = {"missing": "No such file", "folder": "is a folder", "image": "not a calibration file of a known format"}
+    expected = {"missing": "no such file", "folder": "is a folder", "image": "not a calibration file of a known format"}
     assert expected[what] in said
 
 

@@ -253,7 +253,7 @@ def test_unknown_file_error_lists_known_formats(read, tmp_path):
             read(text)
     with pytest.raises(FormatError, match="empty"):
         read(" \n")
-    with pytest.raises(FormatError, match="No such file"):
+    with pytest.raises(FormatError, match="no such file"):
         load(tmp_path / "missing")
 
 

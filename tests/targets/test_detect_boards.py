@@ -41,7 +41,7 @@ def test_unreadable_files_are_skipped_with_the_reason(tmp_path, gray):
         "c.jpg: empty file",
         "no 9x6 board detected",
     ]
-    assert found[4].note.endswith("e.png: no such file")
+    assert found[4].note.endswith("e.png: no such file or folder")
     assert [p.detection is not None for p in found] == [True, False, False, False, False]
     assert [p.size for p in found] == [(640, 480), None, None, (640, 480), None]
     assert found[0].sharpness > 0

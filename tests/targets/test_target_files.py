@@ -141,7 +141,7 @@ def test_invalid_target_file_raises_with_file_field_and_value(written, text, sai
 
 
 def test_missing_file_and_folder_raise(tmp_path):
-    with pytest.raises(ValueError, match=r"none\.json: No such file"):
+    with pytest.raises(ValueError, match=r"none\.json: no such file"):
         load_board(tmp_path / "none.json")
     with pytest.raises(ValueError, match="is a folder, not a target file"):
         load_board(tmp_path)

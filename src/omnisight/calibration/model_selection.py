@@ -16,6 +16,7 @@ from omnisight.calibration.multistart import model_starts
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import MIN_OUTSIDE_COST_PX, State
 from omnisight.display import Displayed
+from omnisight.extensions import did_you_mean
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 from omnisight.optim.loss import robust_sigma
@@ -244,4 +245,7 @@ def _folds_near_corners(candidate: Candidate, observations: Observations, inlier
 def _check_parameter_names(names: Sequence[str], models: Sequence[object]) -> None:
     known = list(dict.fromkeys(name for model in models for name in getattr(model, "param_names")))  # noqa: B009
     if unknown := sorted(set(names) - set(known)):
-        raise ValueError(f"no candidate model has a parameter {', '.join(unknown)}; there are: {', '.join(known)}")
+        closest = did_you_mean(unknown[0], known)
+        raise ValueError(
+            f"no candidate model has a parameter {', '.join(unknown)}{closest}; there are: {', '.join(known)}"
+        )

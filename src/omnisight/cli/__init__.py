@@ -132,7 +132,9 @@ def run() -> NoReturn:
 def _error_message(error: Exception) -> str:
     """Return the message of an error; that of a file starts with its name."""
     if isinstance(error, OSError) and error.filename:
-        return f"{error.filename}: {error.strerror}"
+        from omnisight.extensions import file_error
+
+        return f"{error.filename}: {file_error(error.filename, error)}"
     return str(error)
 
 

@@ -1,12 +1,15 @@
 """omnisight demo."""
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 
 
-def demo(output: Path = Path("omnisight-demo"), *, map: bool = False) -> None:
+def demo(output: Annotated[Path, Parameter(alias="-o")] = Path("omnisight-demo"), *, map: bool = False) -> None:
     """Render, calibrate and unroll a fisheye and a mirror camera, in half a minute and without a real camera.
 
     The images are rendered, so the results are compared with the true cameras and poses.

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from omnisight.extensions import file_error
 from omnisight.formats._limits import MAX_FILE_BYTES
 from omnisight.formats._protocol import FormatError
 
@@ -41,7 +42,7 @@ def read_file(path: Path) -> str:
             raise FormatError(f"{path}: {size} bytes; at most {MAX_FILE_BYTES} are read")
         text = decode(path.read_bytes())
     except OSError as error:
-        raise FormatError(f"{path}: {error.strerror}") from error
+        raise FormatError(f"{path}: {file_error(path, error)}") from error
     if not text.strip():
         raise FormatError(f"{path}: empty file")
     return text

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from os import PathLike
 from pathlib import Path
 
+from omnisight.extensions import no_such_file
 from omnisight.images.video_files import VIDEO_SUFFIXES
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
@@ -70,7 +71,7 @@ def expand_path(item: str | PathLike[str]) -> list[Path]:
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):
-        raise MissingFileError(f"{item}: no such file or folder")
+        raise MissingFileError(f"{item}: {no_such_file(path)}")
     matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
     if not matches:
         raise MissingFileError(f"{item}: the pattern matches no file")

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.extensions import file_error
 from omnisight.images.channel_order import swap_red_and_blue
 from omnisight.images.exif import exif_orientation
 from omnisight.images.headers import (
@@ -67,12 +68,10 @@ def read_bytes(path: str | Path) -> bytes:
     path = Path(path)
     try:
         return path.read_bytes()
-    except FileNotFoundError:
-        raise UnreadableImage(f"{path}: no such file") from None
     except IsADirectoryError:
         raise UnreadableImage(f"{path}: a folder, not an image") from None
     except OSError as error:
-        raise UnreadableImage(f"{path}: {error.strerror or error}") from None
+        raise UnreadableImage(f"{path}: {file_error(path, error)}") from None
 
 
 def decode_image(data: bytes, name: str, *, apply_exif: bool = False) -> NDArray[Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from omnisight.extensions import no_such_file
 from omnisight.images.read import UnreadableImage
 from omnisight.images.ros_image import IMAGE_TYPES, image_of_message
 from omnisight.images.timed_image import TimedImage
@@ -138,7 +139,7 @@ def _decode(reader: Any, kind: str, recorded: int, data: bytes, label: str) -> T
 def _reader(path: Path) -> Generator[Any]:
     """Open a bag."""
     if not path.exists():
-        raise UnreadableImage(f"{path}: no such file")
+        raise UnreadableImage(f"{path}: {no_such_file(path)}")
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore

@@ -4,6 +4,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from omnisight.extensions import file_error
+
 VIDEO_SUFFIXES = (
     *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".m2ts", ".wmv"),
     # The containers of Insta360 and GoPro MAX cameras.
@@ -25,10 +27,8 @@ def find_defect(path: Path) -> str | None:
                 return "empty file; copy it from the camera again"
             if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip"):
                 return None if _has_index(file) else "no index (moov): the recording or the copy is truncated"
-    except FileNotFoundError:
-        return "no such file"
     except OSError as error:
-        return error.strerror or str(error)
+        return file_error(path, error)
     is_video = (
         (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
         or head.startswith((b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"))

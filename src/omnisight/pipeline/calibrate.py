@@ -29,6 +29,7 @@ from omnisight.calibration.resection import resect
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
+from omnisight.extensions import did_you_mean_file
 from omnisight.formats import load
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, auto_models, model_class
@@ -141,7 +142,9 @@ def drop_images(observations: Observations, names: Sequence[str]) -> Observation
     known = observations.image_names or observations.names
     if unknown := [name for name in names if name not in known]:
         some = ", ".join(known[:5]) + (", ..." if len(known) > 5 else "")
-        raise ValueError(f"--drop: there is no image {', '.join(unknown)}; there are {some}")
+        raise ValueError(
+            f"--drop: there is no image {', '.join(unknown)}{did_you_mean_file(unknown[0], known)}; there are {some}"
+        )
     kept = [i for i, name in enumerate(known) if name not in names]
     if not kept:
         raise ValueError("--drop leaves no image; keep three or more")

@@ -9,7 +9,7 @@ from typing import Any
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
 from omnisight.calibration.rigs.frame_uncertainty import with_frame_covariances
-from omnisight.extensions import did_you_mean
+from omnisight.extensions import did_you_mean_file
 from omnisight.images.collect import collect_images
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
@@ -88,7 +88,7 @@ def _check_names(named: Mapping[str, Any], options: CalibrateRigOptions) -> None
         raise ValueError(f"--camera {unknown[0]}: there are no images of this camera; there are {', '.join(named)}")
     images = {image for source in named.values() for image in _image_names(source)} if options.drop else set[str]()
     if unknown := [name for name in options.drop if name not in images]:
-        raise ValueError(f"--drop: no camera has an image {unknown[0]}{did_you_mean(unknown[0], images)}")
+        raise ValueError(f"--drop: no camera has an image {unknown[0]}{did_you_mean_file(unknown[0], images)}")
 
 
 def _image_names(source: Any) -> list[str]:

@@ -73,8 +73,8 @@ def export_batch(model: str | Path, images: str, batch: Batch, size: int | None 
     versions = list_images(images, batch.output)
     if missing := sorted(set(paths).difference(versions)):
         raise ValueError(
-            f"{missing[0]}: no such file; {len(missing)} of {len(paths)} images are not in {images}: specify the folder"
-            " that was reconstructed with --images"
+            f"{missing[0]}: no such file or folder; {len(missing)} of {len(paths)} images are not in {images}: specify"
+            " the folder that was reconstructed with --images"
         )
     plan = plan_splat(reconstruction, size, lambda image: decode_image(read_file(images, paths[image]), paths[image]))
     sensors = zip(paths, reconstruction.sensor.tolist(), strict=True)

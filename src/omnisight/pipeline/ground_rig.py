@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.ground_calibration import GroundCalibration, GroundMarks, calibrate_ground
 from omnisight.calibration.ground_layout import GroundLayout, detect_layout
+from omnisight.extensions import file_error
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.images.gray import to_gray8
@@ -94,7 +95,7 @@ def read_ground_file(path: Path) -> GroundFile:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
+        raise ValueError(f"{path}: {file_error(path, error)}") from error
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
         raise ValueError(f"{path}: is not JSON ({error})") from error
     if not isinstance(data, dict) or not (data.get("marks") or data.get("layout")):

@@ -133,8 +133,8 @@ def _image_paths(reconstruction: Reconstruction, options: ExportOptions) -> list
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise ValueError(
-            f"{missing[0]}: no such file; {len(missing)} of {len(paths)} images are not in {options.images}: specify"
-            " the folder that was reconstructed with --images"
+            f"{missing[0]}: no such file or folder; {len(missing)} of {len(paths)} images are not in {options.images}:"
+            " specify the folder that was reconstructed with --images"
         )
     return paths
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from omnisight.extensions import file_error
 from omnisight.images import write_bytes
 from omnisight.targets.boards import Board, board_class, board_kinds
 from omnisight.targets.boards._protocol import MAX_TEXT_LENGTH
@@ -62,7 +63,7 @@ def _text(path: Path) -> str:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:
-        raise ValueError(error.strerror or str(error)) from None
+        raise ValueError(file_error(path, error)) from None
     if len(data) > MAX_BYTES:
         raise ValueError(f"more than {MAX_BYTES} bytes; a target file has a few lines")
     # PowerShell's `>` writes UTF-16.

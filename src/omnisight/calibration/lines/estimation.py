@@ -21,6 +21,7 @@ from omnisight.calibration.lines.uncertainty import (
 )
 from omnisight.choices import Options
 from omnisight.display import Displayed
+from omnisight.extensions import did_you_mean
 from omnisight.models import CameraModel, model_class
 
 # Alternations of line selection and refinement: selection is stable after five; without selection, two converge.
@@ -62,7 +63,9 @@ class LineEstimationOptions(Options):
         super().__post_init__()
         names = model_class(self.model).example().param_names
         if unknown := sorted(set(self.fixed) - set(names)):
-            raise ValueError(f"{self.model} has no {', '.join(unknown)}; it has {', '.join(names)}")
+            raise ValueError(
+                f"{self.model} has no {', '.join(unknown)}{did_you_mean(unknown[0], names)}; it has {', '.join(names)}"
+            )
 
 
 @dataclass(frozen=True)
