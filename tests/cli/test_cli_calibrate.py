@@ -214,11 +214,21 @@ def test_a_report_without_a_folder_is_rejected(refuses, shots, tmp_path):
     assert "there is no folder" in refuses("calibrate", shots, *QUICK, "--report", tmp_path / "no" / "report.html")
 
 
-@pytest.mark.parametrize("option", ["-o", "--report"])
-def test_an_image_is_never_overwritten(refuses, folder, option):
+def test_a_report_of_another_format_is_refused_before_any_work(refuses, shots, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.calibrate.calibrate", raises_error(AssertionError("images were read")))
+    error = refuses("calibrate", shots, *QUICK, "--report", tmp_path / "r.pdf")
+    assert "r.pdf: the report is written as HTML; name it r.html" in error
+    assert file_names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [("-o", "is one of the images and would be overwritten"), ("--report", "the report is written as HTML")],
+)
+def test_an_image_is_never_overwritten(refuses, folder, option, message):
     image = folder / "1.png"
     before = image.read_bytes()
-    assert "is one of the images and would be overwritten" in refuses("calibrate", folder, *QUICK, option, image)
+    assert message in refuses("calibrate", folder, *QUICK, option, image)
     assert image.read_bytes() == before
 
 

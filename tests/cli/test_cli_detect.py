@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from cli_scene import BOARD, file_names
+from cli_scene import BOARD, file_names, raises_error
 
 from drawn import POSES, SIZE, pose, project
 from omnisight.formats import load
@@ -47,6 +47,13 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
     assert "detected  9x6 in 6 of 6 images, " in out
     assert "corners\n" in out
     assert out.rstrip().endswith("drawn     omnisight-detect")
+
+
+def test_an_unwritable_folder_is_refused_before_the_detection(refuses, shots, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.detect.detect", raises_error(AssertionError("images were read")))
+    (tmp_path / "file").touch()
+    folder = tmp_path / "file" / "drawn"
+    assert f"{folder}: cannot be written: Not a directory" in refuses("detect", shots, "-o", folder)
 
 
 def test_pattern_is_determined_without_the_option(run, shots):

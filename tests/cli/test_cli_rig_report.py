@@ -35,7 +35,7 @@ def test_no_output_overwrites_an_image(run, folders, tmp_path):
     before = image.read_bytes()
     status, _, err = run("calibrate-rig", *folders, "-o", tmp_path / "rig.json", "--report", image)
     assert status == 2
-    assert "would be overwritten" in err
+    assert "the report is written as HTML" in err
     assert image.read_bytes() == before
 
 

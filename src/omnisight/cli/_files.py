@@ -1,6 +1,5 @@
 """Output files of a command."""
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +16,10 @@ def must_be_writable(output: Path) -> None:
         raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'camera.json'}")
     if not output.parent.is_dir():
         raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
-    try:
-        tempfile.TemporaryFile(dir=output.parent).close()
-    except OSError as error:
-        raise ValueError(f"{output}: cannot be written: {error.strerror} ({output.parent})") from error
+    from omnisight.images.output_paths import write_error
+
+    if reason := write_error(output.parent):
+        raise ValueError(f"{output}: {reason} ({output.parent})")
 
 
 def default_output(name: str) -> Path:
@@ -66,4 +65,8 @@ def check_calibration_outputs(output: Path | None, report: Path | None, subject:
         must_be_writable(file)
     if len({file.resolve() for file in files}) < len(files):
         raise ValueError(f"{output}: specified for both the {subject} and the report; specify two files")
+    if report is not None and report.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(
+            f"{report}: the report is written as HTML; name it {report.stem}.html, which browsers print as PDF"
+        )
     return files

@@ -1,5 +1,6 @@
 """Labels and output files for images that may come from several folders."""
 
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -36,7 +37,8 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
     Raises
     ------
     ValueError
-        If an output file is one of the images, the folder contains the images, or it is not a folder.
+        If an output file is one of the images, the folder contains the images, or it is not a folder, or cannot be
+        written.
     """
     files = output_paths(paths, folder)
     if folder.resolve() in {path.parent.resolve() for path in paths}:
@@ -45,7 +47,19 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
         raise ValueError(f"{folder}: is a file; choose a folder")
     if folder.suffix.lower() in IMAGE_SUFFIXES and not folder.exists():
         raise ValueError(f"{folder}: has the name of an image; choose a folder for the drawings")
+    existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    if reason := write_error(existing):
+        raise ValueError(f"{folder}: {reason} ({existing}); choose another folder")
     return files
+
+
+def write_error(folder: Path) -> str:
+    """Return why no file can be written into a folder; empty if one can."""
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        return f"cannot be written: {error.strerror or error}"
+    return ""
 
 
 def refuse_overwrite(files: Iterable[Path], images: Iterable[Path]) -> None:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from omnisight.cache import cache_folder
-from omnisight.diagnosis._writable import write_error
 from omnisight.diagnosis.finding import Finding, Level
+from omnisight.images.output_paths import write_error
 
 PRIORITY = 30
 

@@ -4,8 +4,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from omnisight.diagnosis._writable import write_error
 from omnisight.diagnosis.finding import Finding, Level
+from omnisight.images.output_paths import write_error
 
 PRIORITY = 40
 
