@@ -11,7 +11,7 @@ import pytest
 
 import omnisight as om
 from notebook_html import assert_html
-from omnisight.display import MAX_LINES, Displayed, named_tuple_text, shortened
+from omnisight.display import MAX_LINES, Displayed, file_size, named_tuple_text, rounded, shortened
 from omnisight.models import model_class, model_names
 from omnisight.optics.models.axial import Axial
 from omnisight.pipeline.inspect import radial_profile
@@ -196,3 +196,28 @@ def test_poses_are_shown_in_space():
 
 def test_what_has_no_file_has_no_html():
     assert om.ViewOptions()._repr_html_() is None
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (150.4, 2, "150"),
+        (99.6, 2, "100"),
+        (1.25e6, 3, "1250000"),
+        (0.0123, 2, "0.012"),
+        (0.0, 2, "0"),
+        (1.2e-9, 2, "1.2e-09"),
+        (np.nan, 2, "nan"),
+        (np.float64(np.inf), 2, "inf"),
+    ],
+)
+def test_large_numbers_are_printed_without_exponent(value, digits, text):
+    assert rounded(value, digits) == text
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [(98, "98 bytes"), (12_345, "12.3 kB"), (999_900, "1000 kB"), (1_843_200, "1.84 MB"), (2_345_000_000, "2340 MB")],
+)
+def test_the_size_of_a_file_has_a_unit_that_fits(size, text):
+    assert file_size(size) == text

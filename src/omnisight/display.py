@@ -41,6 +41,18 @@ class Displayed:
         return None if name is None else importlib.import_module(f"{HTML_PACKAGE}.{name}").html(self)
 
 
+def rounded(value: float, digits: int = 2) -> str:
+    """Format a number rounded to significant digits, without an exponent if it is large: 150 instead of 1.5e+02."""
+    return f"{float(f'{value:.{digits}g}'):.15g}"
+
+
+def file_size(size: int) -> str:
+    """Format the size of a file: 98 bytes, 12.3 kB, 1.84 MB."""
+    if size < 1000:
+        return f"{size} bytes"
+    return f"{rounded(size / 1e3, 3)} kB" if size < 1e6 else f"{rounded(size / 1e6, 3)} MB"
+
+
 def file_name(cls: type) -> str:
     """Return the name of the file for a class, such as relative_pose for RelativePose."""
     return re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()

@@ -8,6 +8,7 @@ import numpy as np
 
 from omnisight.cli._console import console
 from omnisight.cli._output import is_verbose, write_json
+from omnisight.display import rounded
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 from omnisight.pipeline.calibration import Calibration
@@ -147,7 +148,7 @@ def _accuracy_summary(calibration: Calibration) -> str:
     pixels, _, theta, phi = uncertainty.worst()
     if np.isfinite(pixels):
         where = f"{np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}"
-        text += f"; projection uncertainty {uncertainty.rms():.2g} px (1σ), at most {pixels:.2g} px ({where})"
+        text += f"; projection uncertainty {rounded(uncertainty.rms())} px (1σ), at most {rounded(pixels)} px ({where})"
     return text
 
 

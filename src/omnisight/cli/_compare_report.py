@@ -7,6 +7,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.cli._output import write_json
+from omnisight.display import rounded
 from omnisight.geometry import rotation as so3
 from omnisight.quality.camera_comparison import CameraComparison, DifferenceMap
 
@@ -16,7 +17,9 @@ def print_report(comparison: CameraComparison, output: Path | None) -> None:
     c = comparison
     for k, (camera, name) in enumerate(zip((c.a, c.b), c.names, strict=True)):
         sigma = _uncertainty_rms(c, k)
-        known = "no uncertainty in the file" if sigma is None else f"projection uncertainty {sigma:.2g} px rms (1σ)"
+        known = (
+            "no uncertainty in the file" if sigma is None else f"projection uncertainty {rounded(sigma)} px rms (1σ)"
+        )
         print(f"camera      {name}: {camera.model.name}, {_field(camera)}, {known}")
     print(
         f"common      {c.common.mean():.0%} of the image, to {np.degrees(c.common_theta_max):.0f}° off-axis, at"
@@ -25,7 +28,7 @@ def print_report(comparison: CameraComparison, output: Path | None) -> None:
     if c.is_mirrored:
         print("mirrored    compared after left and right are exchanged: one of the cameras looks into a mirror")
     angle = float(np.degrees(np.linalg.norm(so3.log(c.rotation))))
-    print(f"rotation    {angle:.3g}° between the camera frames")
+    print(f"rotation    {rounded(angle, 3)}° between the camera frames")
     print(f"difference  {_difference_text(c, c.aligned)}, after the rotation")
     print(f"            {_difference_text(c, c.fixed)}, without")
     print(f"worst       {c.worst_place}")
@@ -72,8 +75,8 @@ def _field(camera: Camera) -> str:
 def _difference_text(comparison: CameraComparison, difference: DifferenceMap) -> str:
     figures = _figures(comparison, difference)
     return (
-        f"{figures['rms_px']:.2g} px rms, at most {figures['max_px']:.2g} px; {figures['rms_deg']:.2g}° rms, at most"
-        f" {figures['max_deg']:.2g}°"
+        f"{rounded(figures['rms_px'])} px rms, at most {rounded(figures['max_px'])} px;"
+        f" {rounded(figures['rms_deg'])}° rms, at most {rounded(figures['max_deg'])}°"
     )
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.cli._output import elapsed, write_json
 from omnisight.conversion import Conversion
+from omnisight.display import rounded
 from omnisight.formats import SaveResult
 from omnisight.pipeline.convert import ConversionError, ConvertOptions, ConvertResult
 from omnisight.pipeline.convert_rig import ConvertRigResult
@@ -38,7 +39,7 @@ def print_conversion(source: Camera, conversion: Conversion | None, distance: st
     """Print the fit of another model."""
     if distance is not None:
         fit = source.provenance["central_of"]
-        print(f"central     {source.model.name}, at most {fit['differs_px']:.2g} px off at {distance}")
+        print(f"central     {source.model.name}, at most {rounded(fit['differs_px'])} px off at {distance}")
         if fit.get("mirrored"):
             print(
                 "frame       at the viewpoint of the mirror; left and right are exchanged as in the image (view --flip)"
@@ -48,14 +49,14 @@ def print_conversion(source: Camera, conversion: Conversion | None, distance: st
         return
     print(f"model       {source.model.name} -> {conversion.camera.model.name}")
     print(f"fitted      up to {math.degrees(conversion.theta_max):.1f} degrees from the axis")
-    print(f"error       at most {conversion.max_px:.3g} px, {conversion.max_deg:.3g} deg; ", end="")
-    print(f"rms {conversion.rms_px:.3g} px, {conversion.rms_deg:.3g} deg")
+    print(f"error       at most {rounded(conversion.max_px, 3)} px, {rounded(conversion.max_deg, 3)} deg; ", end="")
+    print(f"rms {rounded(conversion.rms_px, 3)} px, {rounded(conversion.rms_deg, 3)} deg")
     print(f"agreement   within 0.5 px up to {math.degrees(conversion.agreement_theta):.1f} degrees from the axis")
 
 
 def _print_written(written: SaveResult, convention: str, unit: str | None = None) -> None:
-    poses = "" if unit is None else f", {written.rotation_deg:.2g} deg, {written.translation:.2g} {unit}"
-    print(f"written     {written.path}; reads back within {written.error_px:.2g} px{poses}")
+    poses = "" if unit is None else f", {rounded(written.rotation_deg)} deg, {rounded(written.translation)} {unit}"
+    print(f"written     {written.path}; reads back within {rounded(written.error_px)} px{poses}")
     print(f"convention  {convention}")
     for note in written.notes:
         print(f"note        {note}")

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from omnisight.cli._output import write_json
+from omnisight.display import file_size
 from omnisight.pipeline.export_map import MapExport
 
 # A remap table reads single pixels: a view that is smaller than the image by more than this factor shows aliasing.
@@ -14,7 +15,7 @@ def print_files(title: str, convention: str, output: Path, files: Sequence[Path]
     """Print the files of a reconstruction."""
     print(f"format      {title}")
     print(f"convention  {convention}")
-    print(f"written     {output}; files: {len(files)}, {sum(file.stat().st_size for file in files) / 1e6:.3g} MB")
+    print(f"written     {output}; files: {len(files)}, {file_size(sum(file.stat().st_size for file in files))}")
 
 
 def print_map(export: MapExport) -> None:
@@ -32,7 +33,7 @@ def print_map(export: MapExport) -> None:
             " not average: render a larger view and reduce it, or use omnisight view"
         )
     for file in export.files:
-        print(f"written     {file}, {file.stat().st_size / 1e6:.3g} MB")
+        print(f"written     {file}, {file_size(file.stat().st_size)}")
     print(f"use         {export.usage}")
 
 

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnisight.display import rounded
+
 if TYPE_CHECKING:
     from omnisight.pipeline.check_extrinsics import ExtrinsicsCheck
     from omnisight.rig import Rig
@@ -26,7 +28,7 @@ def print_rig(rig: "Rig") -> None:
         if rig.covariance is not None:
             variances = np.diagonal(rig.covariance)[6 * k : 6 * k + 6]
             turn, shift = np.degrees(np.sqrt(variances[:3].max())), np.sqrt(variances[3:].max())
-            sigma = f"{turn:.2g} deg, {shift:.2g}"
+            sigma = f"{rounded(turn)} deg, {rounded(shift)}"
         time = "unknown" if offset is None else f"{1e3 * offset:.2f} ms"
         print(f"  {name:<{width}} {place:>26} {view:>22}  {sigma:>18}  {time}")
     if all(all(camera.size) for camera in rig.cameras):

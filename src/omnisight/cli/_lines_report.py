@@ -5,6 +5,7 @@ import numpy as np
 from omnisight.calibration.lines import LinesCalibration
 from omnisight.cli._console import console
 from omnisight.cli._output import write_json
+from omnisight.display import rounded
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
 
@@ -40,7 +41,7 @@ def print_report(calibration: LinesCalibration, written: SaveResult | None) -> N
         column.justify = "right"
     sigmas = np.sqrt(np.diagonal(calibration.uncertainty.covariance))
     for parameter, value, sigma in zip(camera.model.parameters, camera.model.params, sigmas, strict=True):
-        sigma_text = f"{sigma:.2g}" if sigma else "fixed"
+        sigma_text = rounded(sigma) if sigma else "fixed"
         table.add_row(parameter.name, f"{value:.6g}", sigma_text, parameter.unit, parameter.doc)
     out.print(table)
     out.print()
@@ -52,7 +53,7 @@ def print_report(calibration: LinesCalibration, written: SaveResult | None) -> N
             f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {len(calibration.lines)} lines,"
             f" {inliers} of {len(calibration.arcs)} arcs are inliers",
         ),
-        ("accuracy", f"rms {calibration.rms:.3f} px; bearings {np.degrees(calibration.bearing_sigma):.2g}° (1σ)"),
+        ("accuracy", f"rms {calibration.rms:.3f} px; bearings {rounded(np.degrees(calibration.bearing_sigma))}° (1σ)"),
         ("unknown", "; ".join(calibration.undetermined)),
         *(("warning", warning) for warning in calibration.warnings),
         ("written", str(written.path) if written is not None else "nothing"),

@@ -9,6 +9,7 @@ import numpy as np
 from omnisight.cli._console import console
 from omnisight.cli._output import write_json
 from omnisight.cli._reconstruct_report import weaknesses
+from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.pipeline.reconstruct import ReconstructionResult
@@ -95,7 +96,7 @@ def print_report(found: Mapping[str, LocalizedImage], known: VisualMap, output: 
             continue
         angle, distance = image.sigmas
         position = " ".join(f"{value:.3f}" for value in image.cam_from_world.inverse().translation + 0.0)
-        figures = f"{distance:.2g}", f"{np.degrees(angle):.2g}", f"{image.inliers}/{image.matches}"
+        figures = rounded(distance), rounded(np.degrees(angle)), f"{image.inliers}/{image.matches}"
         table.add_row(name, position, *figures, f"near {image.nearest}")
     out.print(table)
     out.print()

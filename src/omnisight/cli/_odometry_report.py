@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.cli._output import warn, write_json
+from omnisight.display import rounded
 from omnisight.pipeline.odometry import OdometryResult
 from omnisight.visual_odometry.frame_result import LostSegment
 from omnisight.visual_odometry.loop_result import Loop
@@ -75,7 +76,7 @@ def print_loops(result: OdometryResult) -> None:
     if not result.loops:
         return
     rejected = f"; {len(result.rejected_loops)} similar places rejected" if result.rejected_loops else ""
-    moved = f"{result.correction:.3g} {result.unit}"
+    moved = f"{rounded(result.correction, 3)} {result.unit}"
     print(f"loops       {len(result.loops)} closed, which moved poses by up to {moved}{rejected}")
     for series in _series(result.loops):
         first, last = [loop.first for loop in series], [loop.last for loop in series]

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from omnisight.cli._output import is_quiet, is_verbose
 from omnisight.compilation import watch_compilation
+from omnisight.display import rounded
 
 # Time over which the speed is averaged, seconds: batches report each shard of images, and a shard can take a minute.
 SPEED_PERIOD_S = 600.0
@@ -42,7 +43,7 @@ def _bars() -> Generator[Report]:
 
     class Speed(ProgressColumn):
         def render(self, task: Task) -> Text:
-            return Text("" if task.speed is None else f"{task.speed:.3g}/s")
+            return Text("" if task.speed is None else f"{rounded(task.speed, 3)}/s")
 
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), Speed(), TimeLeft())
     console = Console(stderr=True)

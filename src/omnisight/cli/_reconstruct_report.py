@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from omnisight.cli._output import write_json
+from omnisight.display import rounded
 from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
@@ -142,7 +143,7 @@ def _print_georeference(georeference: Georeference, model: Reconstruction) -> No
     if not georeference:
         print(f"warning     not in metres: {georeference.reason}")
     if georeference and georeference.sigma is not None:
-        scatter = ", ".join(f"{sigma:.3g}" for sigma in georeference.sigma)
+        scatter = ", ".join(rounded(sigma, 3) for sigma in georeference.sigma)
         agreeing = f"{georeference.inliers} of {georeference.images}"
         print(f"positions   {agreeing} agree within {scatter} m (1σ; x, y, z)")
     if model.origin is not None:

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from omnisight.cli._calibrate_report import print_verdict
 from omnisight.cli._console import console
 from omnisight.cli._output import is_verbose, write_json
+from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.rig_calibration import RigCalibration
 
@@ -136,9 +137,9 @@ def _print_cameras(out: "Console", calibration: RigCalibration) -> None:
             f"{calibration.camera_rms(name):.3f}",
             "" if held_out is None else f"{held_out:.3f}",
             position,
-            "" if is_reference else f"{scale * length:.2g}",
+            "" if is_reference else rounded(scale * length),
             f"{turn:.2f}",
-            "" if is_reference else f"{np.degrees(angle):.2g}",
+            "" if is_reference else rounded(np.degrees(angle)),
         )
     out.print(table)
     out.print()
@@ -173,7 +174,7 @@ def _print_boards(out: "Console", calibration: RigCalibration) -> None:
         angle, length = calibration.board_sigmas(k)
         is_first = sets[k] == k
         first = ("nothing" if sets.count(k) == 1 else "") if is_first else observations.boards[sets[k]]
-        sigmas = ("", "") if is_first else (f"{scale * length:.2g}", f"{np.degrees(angle):.2g}")
+        sigmas = ("", "") if is_first else (rounded(scale * length), rounded(np.degrees(angle)))
         table.add_row(name, str(calibration.images_of_board(k)), first, *sigmas)
     out.print(table)
     out.print()

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.cli._output import warn, write_json
+from omnisight.display import rounded
 from omnisight.pipeline.stereo import StereoResult
 from omnisight.pipeline.stereo_files import IMAGE_SUFFIXES, MAX_UINT16
 
@@ -58,7 +59,10 @@ def print_report(result: StereoResult, written: Sequence[Path], distances: Path 
     print(f"disparity  up to {rectification.max_disparity} px")
     print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
     print(f"rotation   {check.rotation_deg:.3f}° ± {check.rotation_sigma_deg:.3f}° from that of the rig")
-    print(f"distance   {low:.3g} to {high:.3g} {result.unit}, median {median:.3g} ± {_relative_sigma(result):.1%}")
+    print(
+        f"distance   {rounded(low, 3)} to {rounded(high, 3)} {result.unit}, median {rounded(median, 3)} ±"
+        f" {_relative_sigma(result):.1%}"
+    )
     print(f"share      {result.share:.1%} of the left image has a distance")
     print(f"written    {', '.join(str(path) for path in written) or 'nothing'}")
     if distances is not None and distances.suffix.lower() in IMAGE_SUFFIXES:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.cli._output import warn, write_json
+from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.stitch import StitchResult
 from omnisight.sfm.head_result import HeadCalibration
@@ -57,7 +58,7 @@ def print_report(result: StitchResult, output: str, save_rig: Path | None) -> No
             largest = max(frame.rotation_deg for frame in head.frames)
             print(f"frames     {within} of {len(head.frames)} agree within 2σ alone, largest difference {largest:.2f}°")
     if not math.isinf(result.distance):
-        print(f"distance   {result.distance:.3g} {result.rig.unit}")
+        print(f"distance   {rounded(result.distance, 3)} {result.rig.unit}")
     if result.vertical is not None:
         vertical = result.vertical
         state = vertical.reason or f"{vertical.tilt_deg:.2f}° ± {vertical.sigma_deg:.2f}° from the guess"
@@ -91,7 +92,7 @@ def _angle(rotation: Any) -> float:
 def _focal_length(head: HeadCalibration, lens: int) -> str:
     """Return the estimated focal length of a lens, for the report."""
     focal, sigma = head.cameras[lens].model.to_dict()["fx"], _lens_sigmas(head)[lens]["fx"]
-    return f", focal length {focal:.0f} ± {sigma or 0:.2g} px"
+    return f", focal length {focal:.0f} ± {rounded(sigma or 0)} px"
 
 
 def _lens_sigmas(head: HeadCalibration) -> list[dict[str, float | None]]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, is_verbose, write_json
+from omnisight.display import rounded
 
 if TYPE_CHECKING:
     from omnisight.camera import Camera
@@ -132,7 +133,7 @@ def _print_parameters(description: "CameraDescription") -> None:
     listed = description.parameters if is_verbose() else description.parameters[:MAX_LISTED_PARAMETERS]
     width = max(8, *(len(parameter.name) for parameter in listed))
     for p in listed:
-        sigma = "" if p.sigma is None else f" +- {p.sigma:.2g}" if p.sigma else " (fixed)"
+        sigma = "" if p.sigma is None else f" +- {rounded(p.sigma)}" if p.sigma else " (fixed)"
         print(f"  {p.name:<{width}} {p.value:14.8g}{sigma:<12} {p.unit:<3} {p.description}")
     if len(description.parameters) > len(listed):
         more, last = len(description.parameters) - len(listed), description.parameters[-1].name
@@ -145,7 +146,9 @@ def _print_non_central(camera: "RayCamera", pupil_shift: float | None) -> None:
     print("rays        non-central: the pixel of a point depends on its distance")
     print(f"lengths     in {'metres' if camera.unit == 'm' else camera.unit}")
     if pupil_shift is not None:
-        shift = f"{1e3 * pupil_shift:.3g} mm" if camera.unit == "m" else f"{pupil_shift:.3g} {camera.unit}"
+        shift = (
+            f"{rounded(1e3 * pupil_shift, 3)} mm" if camera.unit == "m" else f"{rounded(pupil_shift, 3)} {camera.unit}"
+        )
         first, last = math.degrees(camera.theta_min), math.degrees(camera.theta_max or camera.model.theta_max)
         print(f"pupil       shifts by {shift} along the axis from {first:.0f} to {last:.0f} degrees")
     print("central     approximation at a distance: omnisight convert --distance, view --distance")

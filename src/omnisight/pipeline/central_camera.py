@@ -6,6 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from omnisight.camera import Camera
+from omnisight.display import rounded
 from omnisight.formats import load
 from omnisight.ray_camera import RayCamera
 from omnisight.views import sphere
@@ -68,8 +69,8 @@ def central_approximation(
         central, error = camera.central(length, "spline")
     if not error <= MAX_ERROR_PX:
         raise ValueError(
-            f"{reason}: at {distance} every central camera is at least {error:.2g} px off, {MAX_ERROR_PX:g} allowed:"
-            " specify a larger distance, or inf"
+            f"{reason}: at {distance} every central camera is at least {rounded(error)} px off, {MAX_ERROR_PX:g}"
+            " allowed: specify a larger distance, or inf"
         )
     return central
 

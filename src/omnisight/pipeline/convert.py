@@ -7,7 +7,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.choices import Options
 from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
-from omnisight.display import Displayed
+from omnisight.display import Displayed, rounded
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
@@ -188,7 +188,11 @@ def _refusal(source: Camera, conversion: Conversion, target: Format, options: Co
     name, own = conversion.camera.model.name, source.model.name
     theta_max, max_px = _theta_max(options), options.max_error_px
     worst = f"{math.degrees(conversion.worst_theta):.0f} degrees"
-    error = f"{conversion.max_px:.3g} px off at {worst}" if conversion.max_px < math.inf else f"no pixels past {worst}"
+    error = (
+        f"{rounded(conversion.max_px, 3)} px off at {worst}"
+        if conversion.max_px < math.inf
+        else f"no pixels past {worst}"
+    )
     suggestions: list[str] = []
     limit = max_convertible_theta(source, name, max_px, theta_max=theta_max)
     if limit is not None and math.degrees(limit) >= 1:

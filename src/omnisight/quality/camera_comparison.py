@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.calibration.rotation_alignment import best_rotation
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.display import Displayed, rounded
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.quality.difference_test import DifferenceTest
@@ -183,11 +183,11 @@ class CameraComparison(Displayed):
         """The verdict in one sentence, with its figures."""
         known = [name for name, map in zip(self.names, self.uncertainties, strict=True) if map is not None]
         of = "their uncertainties" if len(known) == 2 else f"the uncertainty of {known[0]}" if known else ""
-        test, difference, cameras = self.test, f"{self.rms:.2g} px rms", "the cameras"
+        test, difference, cameras = self.test, f"{rounded(self.rms)} px rms", "the cameras"
         if self.is_mirrored:
             cameras += ", after left and right are exchanged,"
         if test.expected_rms > 0:
-            difference += f", {test.expected_rms:.2g} px expected"
+            difference += f", {rounded(test.expected_rms)} px expected"
         probability = f"p = {test.p_value:.2g}" if test.p_value >= 1e-6 else "p < 1e-6"
         match self.verdict:
             case "equal":
@@ -195,9 +195,9 @@ class CameraComparison(Displayed):
             case "same":
                 return f"{cameras} are the same within {of}: {difference}, {probability}"
             case "different" if test.is_of_component:
-                part = f"{test.component_rms:.2g} px rms of one component of the uncertainty"
+                part = f"{rounded(test.component_rms)} px rms of one component of the uncertainty"
                 return (
-                    f"{cameras} differ by more than {of}: {part}, {test.component_expected_rms:.2g} px expected,"
+                    f"{cameras} differ by more than {of}: {part}, {rounded(test.component_expected_rms)} px expected,"
                     f" {probability} (in all {difference})"
                 )
             case "different":

@@ -3,6 +3,7 @@
 import numpy as np
 
 from omnisight.camera import Camera
+from omnisight.display import rounded
 
 # Shift of the image edge, relative to the focal length, that makes a parameter unidentifiable.
 MAX_RELATIVE_SHIFT = 0.01
@@ -42,7 +43,7 @@ def unidentifiable_parameters(camera: Camera) -> list[str]:
     sigmas = np.sqrt(np.clip(np.diag(camera.covariance), 0, None))
     moved = np.linalg.norm(d_params, axis=1).max(0) * sigmas
     return [
-        f"{parameter.name} (±{sigma:.2g}{' px' if parameter.unit == 'px' else ''})"
+        f"{parameter.name} (±{rounded(sigma)}{' px' if parameter.unit == 'px' else ''})"
         for parameter, sigma, by in zip(camera.model.parameters, sigmas, moved, strict=True)
         if not by <= MAX_RELATIVE_SHIFT * focal
     ]

@@ -14,7 +14,7 @@ from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.model_averaging import averaged_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
-from omnisight.display import Displayed
+from omnisight.display import Displayed, rounded
 from omnisight.models import CameraModel, Projector
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.camera_change import CameraChange, find_camera_change
@@ -68,7 +68,7 @@ class QualityReport(Displayed):
 
     def __repr__(self) -> str:
         """Summarize the report in one line."""
-        return f"QualityReport({self.verdict}, uncertainty {self.uncertainty.rms():.2g} px)"
+        return f"QualityReport({self.verdict}, uncertainty {rounded(self.uncertainty.rms())} px)"
 
     def figures(self) -> dict[str, Any]:
         """Return the figures that a camera file keeps."""

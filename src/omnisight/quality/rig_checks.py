@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.model_selection import MAX_RMS_RATIO
 from omnisight.calibration.rigs.board_motion import BoardMotion
 from omnisight.calibration.rigs.consistency import Move
-from omnisight.display import Displayed
+from omnisight.display import Displayed, rounded
 from omnisight.quality.checks.held_out_error import NEGLIGIBLE_PX
 from omnisight.quality.evidence import Check, Level
 from omnisight.quality.verdict import Verdict
@@ -160,12 +160,12 @@ def _moved(evidence: RigEvidence) -> Check:
         return Check("camera moved")
     name, move = evidence.move
     unit = "mm" if evidence.is_metric else "squares"
-    distance = f"{move.distance * (1e3 if evidence.is_metric else 1):.3g} {unit}"
+    distance = f"{rounded(move.distance * (1e3 if evidence.is_metric else 1), 3)} {unit}"
     if move.kind == "board":
         return Check(
             "board moved",
             Level.DO_NOT_USE,
-            f"The board {name} moved by {distance} and {np.degrees(move.angle):.2g}° relative to the other boards"
+            f"The board {name} moved by {distance} and {rounded(np.degrees(move.angle))}° relative to the other boards"
             f" between {move.before} and {move.after}: fix the boards firmly, and calibrate with the images before or"
             " after the change only.",
         )
@@ -174,7 +174,7 @@ def _moved(evidence: RigEvidence) -> Check:
     return Check(
         "camera moved",
         Level.DO_NOT_USE,
-        f"{name}{relative} moved by {distance} and {np.degrees(move.angle):.2g}° between {move.before} and"
+        f"{name}{relative} moved by {distance} and {rounded(np.degrees(move.angle))}° between {move.before} and"
         f" {move.after}: fix the cameras firmly, and calibrate with the images before or after the change only.",
     )
 
@@ -206,8 +206,9 @@ def _board_motion(evidence: RigEvidence) -> Check:
     return Check(
         "board motion",
         Level.USABLE,
-        f"The board moved by about {scale * motion.translation:.2g} {unit} and {np.degrees(motion.rotation):.2g}°"
-        " between the exposures of the cameras, which limits the accuracy of the extrinsics (the stated uncertainty"
+        f"The board moved by about {rounded(scale * motion.translation)} {unit} and"
+        f" {rounded(np.degrees(motion.rotation))}° between the exposures of the cameras,"
+        " which limits the accuracy of the extrinsics (the stated uncertainty"
         " includes it): put the board on a stand, synchronize the cameras, or specify --times.",
     )
 
@@ -222,8 +223,8 @@ def _rotation(evidence: RigEvidence) -> Check:
     return Check(
         "extrinsic uncertainty",
         level,
-        f"The rotation of {name} is uncertain by {worst:.2g} px (1σ, at an image width of 1000 px): take more images"
-        f" with the board where {name} and another camera see it.",
+        f"The rotation of {name} is uncertain by {rounded(worst)} px (1σ, at an image width of 1000 px): take more"
+        f" images with the board where {name} and another camera see it.",
     )
 
 

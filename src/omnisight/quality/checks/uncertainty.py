@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from omnisight.display import rounded
 from omnisight.quality.coverage import side_name
 from omnisight.quality.evidence import Check, Evidence, Level
 
@@ -26,9 +27,9 @@ def check(evidence: Evidence) -> Check:
     return Check(
         "uncertainty",
         level,
-        f"The projection uncertainty is {evidence.uncertainty.rms():.2g} px (1σ), at most {pixels:.2g} px"
-        f" ({np.degrees(angle):.2g}°) {np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}: put the board there,"
-        " tilted by 30° to 45°.",
+        f"The projection uncertainty is {rounded(evidence.uncertainty.rms())} px (1σ), at most {rounded(pixels)} px"
+        f" ({rounded(np.degrees(angle))}°) {np.degrees(theta):.0f}° off-axis {side_name(theta, phi)}: put the board"
+        " there, tilted by 30° to 45°.",
     )
 
 

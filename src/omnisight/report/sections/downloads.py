@@ -10,6 +10,7 @@ import numpy as np
 
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion, convert_model
+from omnisight.display import rounded
 from omnisight.formats import Format, FormatError, SaveResult, format_names, get_format, save
 from omnisight.ray_camera import RayCamera
 from omnisight.report.html import Markup, element, join
@@ -112,7 +113,7 @@ def _download(camera: Camera, name: str, file_format: Format, file: Path, conver
     if conversion is None or not conversion.max_px <= MAX_CONVERSION_ERROR_PX:
         raise FormatError(refusal(file_format, conversion))
     converted = conversion.camera
-    note = f"{converted.model.name} fitted to this camera, max error {conversion.max_px:.2g} px"
+    note = f"{converted.model.name} fitted to this camera, max error {rounded(conversion.max_px)} px"
     return link(save(converted, file, format=name), name, file_format, element("span", "fitted"), note)
 
 
@@ -132,4 +133,4 @@ def refusal(file_format: Format, conversion: Conversion | None) -> str:
     name = conversion.camera.model.name
     if not np.isfinite(conversion.max_px):
         return f"{supported}; the best fit, {name}, does not cover the field of view"
-    return f"{supported}; the best fit, {name}, has an error of {conversion.max_px:.2g} px"
+    return f"{supported}; the best fit, {name}, has an error of {rounded(conversion.max_px)} px"

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.display import rounded
 from omnisight.quality.checks.uncertainty import MAX_UNCERTAINTY_PX
 from omnisight.report.axes import chart
 from omnisight.report.color_scale import LogColorScale
@@ -27,13 +28,14 @@ def projection_uncertainty(data: ReportData) -> Section:
     limit_px = MAX_UNCERTAINTY_PX[0] * data.central_limit.px_unit
     max_px, max_rad, theta, _ = result.worst()
     largest = (
-        f" The largest values are {max_px:.2g} px ({np.degrees(theta):.0f}° off-axis) and {np.degrees(max_rad):.2g}°."
+        f" The largest values are {rounded(max_px)} px ({np.degrees(theta):.0f}° off-axis) and"
+        f" {rounded(np.degrees(max_rad))}°."
         if np.isfinite(max_px)
         else ""
     )
     maps = [
-        _map(data, result.pixels, "pixels", lambda value: f"{value:.2g} px"),
-        _map(data, np.degrees(result.angles), "degrees", lambda value: f"{value:.2g}°"),
+        _map(data, result.pixels, "pixels", lambda value: f"{rounded(value)} px"),
+        _map(data, np.degrees(result.angles), "degrees", lambda value: f"{rounded(value)}°"),
     ]
     return Section(
         "uncertainty",
@@ -43,7 +45,7 @@ def projection_uncertainty(data: ReportData) -> Section:
             "Standard deviation (1σ) of the projection of a point at infinity (left, px) and of the bearing of a pixel "
             "(right, degrees), after the rotation of the camera frame that fits best. Hatched directions beyond the "
             "dashed circle are extrapolated: there are no corners, and the values hold only if the model does.",
-            f"Uniform values below {limit_px:.2g} px inside the dashed circle.{largest}",
+            f"Uniform values below {rounded(limit_px)} px inside the dashed circle.{largest}",
             f"Add images with the board in bright areas inside the circle, tilted by 30° to 45°{data.next_view_hint}.",
         ),
         wide=True,

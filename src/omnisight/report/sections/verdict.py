@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from omnisight.display import rounded
 from omnisight.optics.models.axial import Axial
 from omnisight.quality.evidence import Level
 from omnisight.quality.verdict import Verdict
@@ -100,7 +101,8 @@ def _uncertainty_tile(data: ReportData) -> tuple[str, str, str]:
     if not np.isfinite(max_px):
         return "Projection uncertainty", _px(median_px, "± "), "unknown: not enough images"
     detail = (
-        f"and {np.degrees(median_rad):.2g}° (median, 1σ); at most {max_px:.2g} px and {np.degrees(max_rad):.2g}°,"
+        f"and {rounded(np.degrees(median_rad))}° (median, 1σ); at most {rounded(max_px)} px and"
+        f" {rounded(np.degrees(max_rad))}°,"
         f" {np.degrees(theta):.0f}° off-axis"
     )
     return "Projection uncertainty", _px(median_px, "± "), detail
@@ -120,4 +122,4 @@ def _level_class(level: Level) -> str:
 
 
 def _px(value: float | None, prefix: str = "") -> str:
-    return "unknown" if value is None or not np.isfinite(value) else f"{prefix}{value:.2g} px"
+    return "unknown" if value is None or not np.isfinite(value) else f"{prefix}{rounded(value)} px"
