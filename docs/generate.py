@@ -160,14 +160,20 @@ def commands() -> str:
 
 
 def examples() -> str:
-    """Return every example with its code."""
+    """Return every example with its number, its code, its printed output and its images."""
     sections: list[str] = []
     for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
         text = path.read_text()
-        title = path.stem.partition("_")[2].replace("_", " ").capitalize()
+        number, _, name = path.stem.partition("_")
+        title = f"{int(number)}. {name.replace('_', ' ').capitalize()}"
         summary = inspect.cleandoc(text.split('"""')[1]).splitlines()[0]
         code = f'```python title="examples/{path.name}"\n{text.strip()}\n```'
-        sections.append(f"## {title}\n\n{_plain(summary)}\n\n{code}")
+        output = (ROOT / "docs" / "assets" / "examples" / f"{path.stem}.txt").read_text()
+        parts = [f"## {title}", _plain(summary), code, f'```text title="Output"\n{output.rstrip()}\n```']
+        images = f"assets/examples/{path.stem}.jpg"
+        if images in PRESENT:
+            parts.append(f"![Images of example {int(number)}](@/{images})")
+        sections.append("\n\n".join(parts))
     return "\n\n".join(sections)
 
 

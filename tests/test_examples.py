@@ -1,15 +1,14 @@
-"""Every example runs, writes its files and prints its result."""
+"""Every example runs, writes its files and prints what its page in the documentation shows."""
 
-import runpy
-import sys
-from importlib.util import find_spec
+import importlib.util
 from pathlib import Path
 
 import pytest
 
 from omnisight.images import read_image
 
-FOLDER = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "examples"
 EXAMPLES = sorted(FOLDER.glob("[0-9]*.py"))
 
 # The files that each example writes, and a part of its output.
@@ -36,17 +35,51 @@ def test_every_example_is_listed():
     assert {path.stem for path in EXAMPLES} == set(EXPECTED)
 
 
+@pytest.fixture(scope="module")
+def make_examples():
+    """Return the module `docs/make_examples.py`."""
+    spec = importlib.util.spec_from_file_location("make_examples", ROOT / "docs" / "make_examples.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs(path, tmp_path, monkeypatch, capsys):
-    if "import torch" in path.read_text() and find_spec("torch") is None:
+def test_example_runs_and_prints_what_its_page_shows(path, tmp_path, make_examples):
+    if "import torch" in path.read_text() and importlib.util.find_spec("torch") is None:
         pytest.skip("needs the extra torch")
-    monkeypatch.setattr(sys, "argv", [str(path), str(tmp_path)])
-    runpy.run_path(str(path), run_name="__main__")
+    printed = make_examples.run_example(path, tmp_path)
     files, output = EXPECTED[path.stem]
     assert files <= {file.name for file in tmp_path.iterdir()}
-    assert output in capsys.readouterr().out
+    assert output in printed
+    shown = {name for row in make_examples.IMAGES.get(path.stem, ()) for name in row}
+    assert shown <= {file.name for file in tmp_path.iterdir()}
     for image in tmp_path.glob("*.jpg"):
         assert read_image(image).std() > 20, f"{image.name} is blank"
+    stored = (make_examples.OUTPUTS / f"{path.stem}.txt").read_text(encoding="utf-8")
+    assert not make_examples.differing_lines(stored, printed), "run: python docs/make_examples.py"
+
+
+def test_the_page_has_outputs_and_small_images_of_the_examples(make_examples):
+    stored = {path.name: path.stat().st_size for path in make_examples.OUTPUTS.iterdir()}
+    images = {f"{name}.jpg" for name in make_examples.IMAGES}
+    assert set(stored) == images | {f"{path.stem}.txt" for path in EXAMPLES}
+    assert max(stored[name] for name in images) < make_examples.MAX_BYTES
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "is_equal"),
+    [
+        ("map: 30 ms, 2.00 px", "map: 75 ms,  2.01 px", True),
+        ("[-0.5  1.]", "[ -0.5   1.]", True),
+        ("2.00 px", "2.20 px", False),
+        ("2.00 px", "2.00 deg", False),
+        ("8 of 8 images", "7 of 8 images", False),
+        ("a\nb", "a", False),
+    ],
+)
+def test_lines_are_compared_up_to_times_spaces_and_small_changes(old, new, is_equal, make_examples):
+    assert (not make_examples.differing_lines(old, new)) == is_equal
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
