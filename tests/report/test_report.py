@@ -12,6 +12,8 @@ import pytest
 from omnisight.camera import Camera
 from omnisight.images import write_image
 from omnisight.models import model_class
+from omnisight.quality.evidence import Check, Level
+from omnisight.quality.verdict import Verdict
 from omnisight.report.axes import nice_floor, nice_ticks
 from omnisight.report.html import Markup, element
 from omnisight.report.number_format import format_with_sigma
@@ -108,6 +110,34 @@ def test_report_of_a_calibration_from_arrays(central):
     assert [image["name"] for image in embedded_json(text)["images"]] == NAMES
     assert "<image " not in text
     assert text.count('class="residual inlier"') == len(NAMES)
+
+
+def test_a_passed_check_with_a_remark_has_no_tick(central):
+    checks = (
+        Check("image count"),
+        Check("board bend", Level.GOOD, "It bends."),
+        Check("outliers", Level.USABLE, "Drop."),
+    )
+    text = render_page(with_quality(central, verdict=Verdict(Level.USABLE, checks)))
+    chips = re.search(r'<ul class="checks".*?</ul>', text, re.DOTALL)[0]
+    assert re.findall(r'<li class="([\w-]+)">(.*?)</li>', chips) == [
+        ("good", "✓ image count"),
+        ("remark", "i board bend"),
+        ("usable", "! outliers"),
+    ]
+    reasons = re.search(r'<ul class="reasons".*?</ul>', text, re.DOTALL)[0]
+    assert re.findall(r"<b class=\"([\w-]+)\">(.)</b> (.*?)</li>", reasons) == [
+        ("usable", "!", "Drop."),
+        ("remark", "i", "It bends."),
+    ]
+
+
+def test_the_uncertainty_is_the_rms_that_the_terminal_prints(central):
+    px, degrees = central.uncertainty.rms(), np.degrees(central.uncertainty.rms_angle())
+    tile = re.search(r"<dt>Projection uncertainty</dt>.*?</div>", render_page(central), re.DOTALL)[0]
+    assert f"± {px:.2g} px" in tile
+    assert f"{degrees:.2g}° (rms, 1σ)" in tile
+    assert 0 < px < central.uncertainty.worst()[0]
 
 
 def test_report_without_quality_figures(central):

@@ -114,13 +114,25 @@ def test_images_are_shown_undistorted(opened, report):
     card = page.locator(".card").nth(1)
     original, undistorted = card.locator(".image"), card.locator(".undistorted")
     assert (original.is_visible(), undistorted.is_visible()) == (True, False)
+    assert page.locator("#residual-note").is_visible()
     page.click("#undistort")
     assert (original.is_visible(), undistorted.is_visible()) == (False, True)
+    assert not page.locator("#residual-note").is_visible()
     assert page.locator(".undistorted").count() == 11
     undistorted.scroll_into_view_if_needed()
     assert undistorted.evaluate("async image => { await image.decode(); return image.naturalWidth; }") == 448
     page.click("#undistort")
     assert original.is_visible()
+    assert page.locator("#residual-note").is_visible()
+
+
+def test_errors_of_the_models_are_visible_on_a_narrow_screen(opened, axial_report):
+    page = opened(axial_report, width=500)
+    for column, name in enumerate(["held-out rms, px", "rms, px"], 2):
+        header = page.locator(f".models thead th:nth-child({column})")
+        assert header.inner_text() == name
+        box = header.bounding_box()
+        assert box["x"] + box["width"] <= 500
 
 
 def test_clicking_an_image_drops_it_and_shows_the_command(opened, report):

@@ -169,22 +169,15 @@ class UncertaintyMap(Displayed):
 
     def rms(self) -> float:
         """Return the root mean square error in the calibrated cone, px, weighted by solid angle."""
+        return self._rms(self.pixels)
+
+    def rms_angle(self) -> float:
+        """Return the root mean square error in the calibrated cone, radians, weighted by solid angle."""
+        return self._rms(self.angles)
+
+    def _rms(self, values: Array) -> float:
         inside = self.visible & self.calibrated[:, None] & np.isfinite(self.pixels)
         weight = np.broadcast_to(np.sin(self.theta)[:, None], inside.shape)[inside]
         if not weight.sum() > 0:
             return float("nan")
-        return float(np.sqrt(np.average(self.pixels[inside] ** 2, weights=weight)))
-
-    def median(self) -> tuple[float, float]:
-        """Return the median error in the calibrated cone, px and radians, weighted by solid angle."""
-        inside = self.visible & self.calibrated[:, None] & np.isfinite(self.pixels)
-        weight = np.broadcast_to(np.sin(self.theta)[:, None], inside.shape)[inside]
-        return _median(self.pixels[inside], weight), _median(self.angles[inside], weight)
-
-
-def _median(values: Array, weight: Array) -> float:
-    if not weight.sum() > 0:
-        return float("nan")
-    order = np.argsort(values)
-    along = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(along, along[-1] / 2)])
+        return float(np.sqrt(np.average(values[inside] ** 2, weights=weight)))

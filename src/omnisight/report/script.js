@@ -51,6 +51,7 @@ undistort?.addEventListener("click", () => {
   undistort.setAttribute("aria-pressed", String(isUndistorted));
   undistort.textContent = isUndistorted ? "Show originals" : "Show undistorted";
   document.querySelector(".cards").classList.toggle("show-undistorted", isUndistorted);
+  document.getElementById("residual-note").hidden = isUndistorted;
 });
 
 // The residual next to the pointer. The paths hold the corners and the magnified residuals.

@@ -49,7 +49,7 @@ def images(data: ReportData) -> Section:
         copies = list(pool.map(lambda image: _copies(image, width, undistortion, data.options.apply_exif), shown))
     cards = [_card(data, *pair, scale) for pair in zip(shown, copies, strict=True)]
     hidden = len(data.images) - len(shown)
-    others = f" The {hidden} images with the smallest residuals are not shown." if hidden else ""
+    others = f"The {hidden} images with the smallest residuals are not shown. " if hidden else ""
     return Section(
         "images",
         "Images",
@@ -58,7 +58,10 @@ def images(data: ReportData) -> Section:
             element("div", _rms_chart(data), class_="scroll bars"),
             element(
                 "p",
-                f"Residuals are magnified {scale:g} times; point at one for its value.{others} ",
+                element(
+                    "span", f"Residuals are magnified {scale:g} times; point at one for its value. ", id="residual-note"
+                ),
+                others,
                 element("button", "Show undistorted", type="button", id="undistort", aria_pressed="false")
                 if any(copy.undistorted for copy in copies)
                 else None,

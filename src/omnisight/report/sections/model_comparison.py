@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 # A full bar of the table stands for this multiple of the smallest error; longer bars end in a point.
 MAX_BAR_RATIO = 2.0
-COLUMNS = ("model", "parameters", "probability", "rms, px", "held-out rms, px", "")
+COLUMNS = ("model", "held-out rms, px", "rms, px", "parameters", "probability", "")
 HELD_OUT = (
     "The held-out error is the error on images that the camera was not fitted to, by 5-fold cross-validation. The"
     " probability is that of predicting further images best. The model with the fewest parameters among those of the"
@@ -142,7 +142,7 @@ def _row(name: str, candidate: Candidate, full: float, kind: str | None) -> Mark
     held_out = "" if candidate.held_out_rms is None else f"{candidate.held_out_rms:.4f}"
     badge = element("span", kind) if kind == "selected" else None
     probability = "" if candidate.probability is None else f"{candidate.probability:.0%}"
-    cells = (str(candidate.parameters), probability, f"{candidate.rms:.4f}", held_out, bar)
+    cells = (held_out, f"{candidate.rms:.4f}", str(candidate.parameters), probability, bar)
     return element("tr", element("th", name, badge, scope="row"), *(element("td", cell) for cell in cells), class_=kind)
 
 

@@ -6,15 +6,15 @@ import numpy as np
 
 from omnisight.display import rounded
 from omnisight.optics.models.axial import Axial
-from omnisight.quality.evidence import Level
+from omnisight.quality.evidence import Check, Level
 from omnisight.quality.verdict import Verdict
 from omnisight.report.html import Markup, element, join
 from omnisight.report.number_format import format_with_sigma
 from omnisight.report.report_data import ReportData
 
 SYMBOLS = {Level.GOOD: "✓", Level.USABLE: "!", Level.DO_NOT_USE: "✕"}
-# A remark of a passed check is neither a warning nor an approval.
-REMARK_SYMBOLS = {**SYMBOLS, Level.GOOD: "i"}
+# A passed check with a remark is neither a warning nor an approval.
+REMARK_SYMBOL = "i"
 LABELS = {Level.GOOD: "Good", Level.USABLE: "Usable", Level.DO_NOT_USE: "Do not use"}
 MEANINGS = {
     Level.GOOD: "The calibration can be used as it is.",
@@ -45,11 +45,11 @@ def verdict(result: Verdict) -> Markup:
     """Return the verdict with its reasons, the most severe first, and the result of each check."""
     findings = sorted((check for check in result.checks if check.sentence), key=lambda check: -check.level)
     reasons = [
-        element("li", element("b", REMARK_SYMBOLS[check.level], class_=_level_class(check.level)), " ", check.sentence)
+        element("li", element("b", _symbol(check), class_=_check_class(check)), " ", check.sentence)
         for check in findings
     ]
     checks = [
-        element("li", f"{SYMBOLS[check.level]} {check.name.replace('_', ' ')}", class_=_level_class(check.level))
+        element("li", f"{_symbol(check)} {check.name.replace('_', ' ')}", class_=_check_class(check))
         for check in result.checks
     ]
     return element(
@@ -96,16 +96,16 @@ def tiles(figures: Sequence[tuple[str, str, str]]) -> Markup:
 
 
 def _uncertainty_tile(data: ReportData) -> tuple[str, str, str]:
-    median_px, median_rad = data.uncertainty.median()
+    rms_px, rms_rad = data.uncertainty.rms(), data.uncertainty.rms_angle()
     max_px, max_rad, theta, _ = data.uncertainty.worst()
     if not np.isfinite(max_px):
-        return "Projection uncertainty", _px(median_px, "± "), "unknown: not enough images"
+        return "Projection uncertainty", _px(rms_px, "± "), "unknown: not enough images"
     detail = (
-        f"and {rounded(np.degrees(median_rad))}° (median, 1σ); at most {rounded(max_px)} px and"
+        f"and {rounded(np.degrees(rms_rad))}° (rms, 1σ); at most {rounded(max_px)} px and"
         f" {rounded(np.degrees(max_rad))}°,"
         f" {np.degrees(theta):.0f}° off-axis"
     )
-    return "Projection uncertainty", _px(median_px, "± "), detail
+    return "Projection uncertainty", _px(rms_px, "± "), detail
 
 
 def _pupil_shift_tiles(data: ReportData) -> list[tuple[str, str, str]]:
@@ -115,6 +115,18 @@ def _pupil_shift_tiles(data: ReportData) -> list[tuple[str, str, str]]:
     scale, unit = data.display_unit
     length, sigma = format_with_sigma(scale * data.pupil_shift.length, scale * data.pupil_shift.length_sigma)
     return [("Entrance pupil shift", f"{length} {unit}", f"± {sigma} {unit} along the axis, over the field of view")]
+
+
+def _symbol(check: Check) -> str:
+    return REMARK_SYMBOL if _is_remark(check) else SYMBOLS[check.level]
+
+
+def _check_class(check: Check) -> str:
+    return "remark" if _is_remark(check) else _level_class(check.level)
+
+
+def _is_remark(check: Check) -> bool:
+    return check.level == Level.GOOD and bool(check.sentence)
 
 
 def _level_class(level: Level) -> str:
