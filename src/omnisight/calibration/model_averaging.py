@@ -128,7 +128,7 @@ def averaged_covariance(
     pixels, _, d_point, d_params = best.state.model.project_with_jacobians(points)
     free = best.free_parameters.directions
     derivatives = np.concatenate([d_params @ free, -d_point @ so3.hat(points)], -1)
-    total, spread = best.probability or 0.0, np.zeros_like(own)
+    total, between = best.probability or 0.0, np.zeros_like(own)
     within = total * own
     for other in others:
         assert other.probability is not None
@@ -141,9 +141,9 @@ def averaged_covariance(
         change = free @ solution[: free.shape[1]]
         mapping, difference = change[:, :-1], change[:, -1]
         within += other.probability * mapping @ noise_covariance(other, observations, loss=loss) @ mapping.T
-        spread += other.probability * np.outer(difference, difference)
+        between += other.probability * np.outer(difference, difference)
         total += other.probability
-    return factor * (variance_inflation(best, observations) * within + spread) / total
+    return factor * (variance_inflation(best, observations) * within + between) / total
 
 
 def _held_out_lengths(candidate: Candidate) -> Array:

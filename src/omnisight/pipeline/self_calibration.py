@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 # converges from focal lengths 20 % too short to 25 % too long, so that one of the candidates suffices.
 CIRCLES = (160.0, 180.0, 200.0, 220.0, 250.0)
 FISHEYES, PERSPECTIVES = (100.0, 130.0, 160.0, 190.0, 220.0, 260.0, 300.0), (40.0, 55.0, 70.0, 85.0)
-# Pairs of images that select the field of view, and keypoints of each image whose matches select the pairs.
-PAIRS, STRONGEST = 6, 300
+# Number of pairs of images that select the field of view, number of pairs among which these are the ones with most
+# matches, and number of keypoints of each image that are matched for that.
+MAX_PAIRS, MAX_MATCHED_PAIRS, MAX_MATCHED_KEYPOINTS = 6, 300, 300
 # Standard deviations of the principal point about the centre of the image circle or of the image, as a share of the
 # image's diagonal, and of further distortion coefficients about zero. Focal length and first coefficient are free.
 CENTER_SIGMA, COEFFICIENT_SIGMAS = 0.003, {"k2": 0.01, "k3": 0.001}
@@ -71,10 +72,10 @@ def select_camera(candidates: Sequence[Camera], keypoints: Sequence[Keypoints]) 
     The measure is the sum of squared errors, each truncated, against that of outliers only. The keypoints are those of
     the first candidate.
     """
-    strongest = [each[:STRONGEST] for each in keypoints]
-    pairs = list(combinations(range(len(keypoints)), 2))[: 50 * PAIRS]
+    strongest = [each[:MAX_MATCHED_KEYPOINTS] for each in keypoints]
+    pairs = list(combinations(range(len(keypoints)), 2))[:MAX_MATCHED_PAIRS]
     counts = parallel_map(lambda pair: len(match_features(strongest[pair[0]], strongest[pair[1]]).pairs), pairs)
-    best = [pairs[i] for i in np.argsort(-np.array(counts), kind="stable")[:PAIRS]]
+    best = [pairs[i] for i in np.argsort(-np.array(counts), kind="stable")[:MAX_PAIRS]]
     matches = [match_features(keypoints[a], keypoints[b]).pairs for a, b in best]
 
     def gain(camera: Camera) -> float:

@@ -150,7 +150,7 @@ class Bundle:
         is_free, is_seen = np.ones((len(frames) + len(sensors), 6), bool), np.zeros(len(frames) + len(sensors), bool)
         is_seen[self.rays.frame], is_seen[len(frames) + self.rays.sensor] = True, True
         is_free[~is_seen] = False
-        is_free[0] &= self.measured is not None and self.measured.fixes_place
+        is_free[0] &= self.measured is not None and self.measured.fixes_gauge
         is_free[len(frames) :] &= self.refines_sensors
         is_free[len(frames)] = False
         if self.has_scale and self.refines_sensors:

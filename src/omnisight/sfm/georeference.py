@@ -158,10 +158,13 @@ def _insufficient(positions: Array, sigma: Array) -> str:
     """Return why positions (N, 3) with standard deviations (3,) do not determine a similarity; empty if they do."""
     arms = positions - positions.mean(axis=0)
     variance = max(float((sigma**2).mean()), MIN_SIGMA**2)
-    spread = np.linalg.norm(arms, axis=1).max(initial=0.0)
+    radius = np.linalg.norm(arms, axis=1).max(initial=0.0)
     scale_sigma = np.sqrt(variance / max(float((arms**2).sum()), 1e-300))
     if scale_sigma > MAX_SCALE_SIGMA:
-        return f"the known positions scatter by {np.sqrt(variance):.2g} m, and the images by {spread:.2g} m only"
+        return (
+            f"the standard deviation of the known positions, {np.sqrt(variance):.2g} m, is too large for images that"
+            f" are at most {radius:.2g} m from their centre"
+        )
     skew = so3.hat(arms)
     information = np.einsum("nij,nik->jk", skew, skew) / variance
     if np.linalg.eigvalsh(information)[0] < 1 / MAX_ROTATION_SIGMA**2:

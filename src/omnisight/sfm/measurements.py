@@ -24,7 +24,7 @@ class Measurements(Protocol):
     """What was measured of the cameras besides their images."""
 
     @property
-    def fixes_place(self) -> bool:
+    def fixes_gauge(self) -> bool:
         """Whether they determine position and orientation of the world, besides its scale."""
         ...
 
@@ -53,7 +53,7 @@ class MeasuredPositions:
     centers: Array
     positions: Array
     sigma: Array
-    fixes_place = True
+    fixes_gauge = True
 
     def linearize(self, rig_from_world: Array) -> LinearizedMeasurements:
         """Return the differences of the positions, and their derivatives."""
@@ -81,7 +81,7 @@ class MeasuredDistance:
     centers: Array
     distance: float
     sigma: float
-    fixes_place = False
+    fixes_gauge = False
 
     def linearize(self, rig_from_world: Array) -> LinearizedMeasurements:
         """Return the difference of the distances, and its derivatives."""

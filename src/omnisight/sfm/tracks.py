@@ -52,12 +52,12 @@ class Tracks:
             return self
         mean = np.add.reduceat(positions, starts[:-1]) / lengths[:, None]
         offsets = positions - mean[self.track]
-        spread = np.add.reduceat(offsets[:, :, None] * offsets[:, None, :], starts[:-1])
-        axis = np.linalg.eigh(spread)[1][:, :, -1]
-        place = np.empty(len(self.track), np.intp)
-        place[np.lexsort((np.einsum("mi,mi->m", offsets, axis[self.track]), self.track))] = np.arange(len(place))
+        scatter = np.add.reduceat(offsets[:, :, None] * offsets[:, None, :], starts[:-1])
+        axis = np.linalg.eigh(scatter)[1][:, :, -1]
+        rank = np.empty(len(self.track), np.intp)
+        rank[np.lexsort((np.einsum("mi,mi->m", offsets, axis[self.track]), self.track))] = np.arange(len(rank))
         pieces = -(-lengths // longest)
-        piece = (place - starts[self.track]) * pieces[self.track] // lengths[self.track]
+        piece = (rank - starts[self.track]) * pieces[self.track] // lengths[self.track]
         track = (np.cumsum(pieces) - pieces)[self.track] + piece
         order = np.lexsort((self.image, track))
         return Tracks(track[order], self.image[order], self.keypoint[order])

@@ -21,10 +21,10 @@ def _gather(origins, bearings, begin, end, rays):
     i = begin
     while i < end and i - begin < rays.shape[1]:
         # A NaN is not similar.
-        spread = 0.0
+        extent = 0.0
         for k in range(3):
-            spread = max(spread, abs(bearings[i, k] - bearings[begin, k]))
-        if not spread <= MAX_ANGLE_RAD:
+            extent = max(extent, abs(bearings[i, k] - bearings[begin, k]))
+        if not extent <= MAX_ANGLE_RAD:
             break
         for k in range(3):
             rays[0, i - begin, k], rays[1, i - begin, k] = origins[i, k], bearings[i, k]

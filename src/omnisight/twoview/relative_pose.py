@@ -33,7 +33,7 @@ class RelativePose(Displayed):
         x_b = R x_a + t, with t of unit length, or zero if `motion` is "rotation only".
     covariance : (6, 6) array
         Covariance of a step (w, v) of `Pose.moved`, square radians; zero along the translation. It includes the
-        correlation of neighbouring residuals, see `variance_ratio`.
+        correlation of neighbouring residuals, see `variance_ratio`, unless `motion` is "rotation only".
     inliers : (N,) array of bool
         Pairs that are more probably inliers than outliers.
     motion : MotionModel

@@ -59,7 +59,7 @@ class GyroPrediction:
         return Pose(now, -now @ predicted.inverse().translation)
 
     def _turn(self, start: float, end: float) -> Array | None:
-        """Return the rotation vector end_from_start (3,) of the IMU, without its bias; None if unknown."""
+        """Return the rotation vector end_from_start (3,) of the IMU, biased by its gyroscope; None if unknown."""
         samples = self.imu.between(start, end)
         if samples is None:
             return None

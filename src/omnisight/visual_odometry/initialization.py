@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 
 # Median parallax over its noise at which distances are known to about 5 %.
 MIN_PARALLAX_SIGMA = 20.0
-# Growth of the parallax after which another attempt is made.
-GROWTH = 1.2
+# Ratio of the parallax to that of the last attempt at which another attempt is made.
+RETRY_PARALLAX_RATIO = 1.2
 # Median parallax over its noise below which the camera only turned.
 MAX_ROTATION_SIGMA = 3.0
 # Patches that both frames must show.
@@ -90,7 +90,7 @@ class Initialization:
     speed: float = 0.0
     vehicle_from_rig: Array | None = None
     parallax: float = np.inf
-    _tried: float = field(default=MIN_PARALLAX_SIGMA / GROWTH, repr=False)
+    _tried: float = field(default=MIN_PARALLAX_SIGMA / RETRY_PARALLAX_RATIO, repr=False)
 
     @property
     def first(self) -> WaitingFrame:
@@ -116,7 +116,7 @@ class Initialization:
         turn = last.pose.rotation @ self.first.pose.rotation.T
         chord = np.linalg.norm(a.bearings @ turn.T - b.bearings, axis=1)
         self.parallax = float(np.median(chord / np.sqrt(a.variance + b.variance)))
-        if self.parallax < self._tried * GROWTH:
+        if self.parallax < self._tried * RETRY_PARALLAX_RATIO:
             return None
         self._tried = self.parallax
         pairs = BearingPairs(a.bearings, b.bearings, a.covariance, b.covariance, is_noise_known=False)

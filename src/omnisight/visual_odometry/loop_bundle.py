@@ -50,7 +50,7 @@ def adjust_globally(
     -------
     The rows of the adjusted keyframes, and these.
     """
-    rows = _selected(len(history), [place.place.keyframe for place in detector.places])
+    rows = _selected(len(history), [place.keyframe for place in detector.places])
     parts = [_patches(history, nodes, rows), _keypoints(detector, loops, nodes, rows)]
     bundle = _bundle(parts, nodes[rows], has_scale=detector.has_scale)
     for _ in range(ROUNDS):
@@ -107,11 +107,11 @@ def _keypoints(
         first = np.zeros(len(number), np.bool_)
         first[np.unique(number, return_index=True)[1]] = True
         new = place.is_known & np.isnan(points[number, 0])
-        points[number[new]] = _in_world(nodes, place.place.keyframe, place.points[new])
-        seen = place.place.keypoints
-        rays = FrameRays(number, points[number], place.place.origins, seen.bearings, whitening(seen.covariance))
+        points[number[new]] = _in_world(nodes, place.keyframe, place.points[new])
+        seen = place.keypoints
+        rays = FrameRays(number, points[number], place.origins, seen.bearings, whitening(seen.covariance))
         parts.append(rays[first & np.isin(number, track[np.concatenate([a, b])])])
-        frames.append(np.full(len(parts[-1]), np.searchsorted(rows, place.place.keyframe), np.intp))
+        frames.append(np.full(len(parts[-1]), np.searchsorted(rows, place.keyframe), np.intp))
     rays = _concatenated(parts)
     rays = replace(rays, points=points[rays.number])
     return rays[rays.has_point], np.concatenate(frames)[rays.has_point]

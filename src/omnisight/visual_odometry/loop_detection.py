@@ -42,18 +42,15 @@ SEARCH = RansacOptions(max_iterations=2000)
 
 
 @dataclass(frozen=True, eq=False)
-class MappedPlace:
+class MappedPlace(Place):
     """A place with the points of its keypoints.
 
     Attributes
     ----------
-    place
-        The place.
     points, covariance
         (N, 3) in the frame of the rig, NaN where unknown, and (N, 3, 3).
     """
 
-    place: Place
     points: Array
     covariance: Array
 
@@ -61,7 +58,9 @@ class MappedPlace:
     def of(cls, place: Place) -> Self:
         """Return a place without points."""
         count = len(place.keypoints)
-        return cls(place, np.full((count, 3), np.nan), np.full((count, 3, 3), np.inf))
+        return cls(
+            place.keyframe, place.keypoints, place.origins, np.full((count, 3), np.nan), np.full((count, 3, 3), np.inf)
+        )
 
     @property
     def is_known(self) -> Mask:
@@ -138,16 +137,16 @@ class LoopDetector:
     def _triangulate(self, k: int) -> Indices:
         """Triangulate the matches of a place with the one before; return those with a point."""
         ends = self.places[k - 1], self.places[k]
-        rows = [end.place.keyframe for end in ends]
+        rows = [end.keyframe for end in ends]
         if self._history.segments[rows[0]] != self._history.segments[rows[1]]:
             return np.zeros((0, 2), np.intp)
-        keypoints = ends[0].place.keypoints, ends[1].place.keypoints
+        keypoints = ends[0].keypoints, ends[1].keypoints
         pairs = match_features(*keypoints).pairs
         if not len(pairs):
             return pairs
         rig_from_world = [self._history.poses[row] for row in rows]
         of_pairs = [keypoint[pairs[:, side]] for side, keypoint in enumerate(keypoints)]
-        origins = np.stack([end.place.origins[pairs[:, side]] for side, end in enumerate(ends)])
+        origins = np.stack([end.origins[pairs[:, side]] for side, end in enumerate(ends)])
         bearings, covariance = (
             np.stack([getattr(each, name) for each in of_pairs]) for name in ("bearings", "covariance")
         )
@@ -162,7 +161,7 @@ class LoopDetector:
 
     def _candidates(self, b: int) -> list[DetectedLoop]:
         """Return the similar places before one that agree with its geometry, and add it to the index."""
-        words = self._index.words(self.places[b].place.keypoints)
+        words = self._index.words(self.places[b].keypoints)
         similar = self._index.query_words(words, CANDIDATES, before=max(b - RECENT_PLACES, self._before_loss(b)))
         self._index.add_words(words)
         found = [self._verify(place.image, b) for place in similar]
@@ -170,26 +169,26 @@ class LoopDetector:
 
     def _before_loss(self, b: int) -> int:
         """Return the number of places before the last loss of tracking before a place."""
-        keyframes = [each.place.keyframe for each in self.places]
+        keyframes = [each.keyframe for each in self.places]
         loss = max(row for row in self._history.losses if row <= keyframes[b])
         return sum(row < loss for row in keyframes)
 
     def _verify(self, a: int, b: int) -> DetectedLoop | None:
         """Return the loop if the keypoints of a place agree with the points of an earlier one."""
         first, last = self.places[a], self.places[b]
-        pairs = match_features(first.place.keypoints, last.place.keypoints).pairs
+        pairs = match_features(first.keypoints, last.keypoints).pairs
         pairs = pairs[first.is_known[pairs[:, 0]]]
         found = _resect(first, last, pairs)
         inliers = int(found.inliers.sum())
         if found.model is None or inliers < max(MIN_INLIERS, MIN_SHARE * len(pairs)):
             return None
         pairs, b_from_a = pairs[found.inliers], Pose.of_matrix(found.model)
-        bearings = last.place.keypoints.bearings
+        bearings = last.keypoints.bearings
         directions = agreeing_directions(bearings[last.is_known], bearings[pairs[:, 1]])
         scale = 1.0 if self.has_scale else _relative_scale(first, last, pairs, b_from_a)
         if directions < MIN_DIRECTIONS or not np.isfinite(scale):
             return None
-        before, now = (self._history.frames[end.place.keyframe] for end in (first, last))
+        before, now = (self._history.frames[end.keyframe] for end in (first, last))
         a_from_b = b_from_a.inverse()
         loop = Loop(before, now, a_from_b, scale, len(found.inliers), inliers, directions)
         return DetectedLoop(a, b, a_from_b, scale, pairs, found.scale, loop)
@@ -211,7 +210,7 @@ class LoopDetector:
 
     def _relative(self, a: int, b: int) -> Pose | None:
         """Return the pose a_from_b of two places, if odometry determines it."""
-        rows = self.places[a].place.keyframe, self.places[b].place.keyframe
+        rows = self.places[a].keyframe, self.places[b].keyframe
         if self._history.segments[rows[0]] != self._history.segments[rows[1]]:
             return None
         return self._history.poses[rows[0]] @ self._history.poses[rows[1]].inverse()
@@ -221,8 +220,8 @@ def _resect(first: MappedPlace, last: MappedPlace, pairs: Indices) -> RobustEsti
     """Estimate the pose last_from_first from the points of the first place and the rays of the last one."""
     from omnisight.visual_odometry._ray_pose_kernel import RayPoseProblem
 
-    seen = last.place.keypoints[pairs[:, 1]]
-    points, origins = first.points[pairs[:, 0]], last.place.origins[pairs[:, 1]]
+    seen = last.keypoints[pairs[:, 1]]
+    points, origins = first.points[pairs[:, 0]], last.origins[pairs[:, 1]]
     axes, variance = whitening(seen.covariance), isotropic_variance(seen.covariance)
 
     def problem(scale: float) -> RayPoseProblem:

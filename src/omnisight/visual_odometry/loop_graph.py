@@ -24,8 +24,10 @@ LOOP_ROTATION_RAD, LOOP_DISTANCE, LOOP_LOG_SCALE = np.radians(0.05), 0.003, 0.00
 CUT_ROTATION_RAD, CUT_DISTANCE, CUT_LOG_SCALE = 1.0, 100.0, 2.0
 # Common points from which a relative pose is known.
 MIN_COMMON = 6
-# Least relative standard deviation of a distance, and the largest at which it counts.
-MIN_DISTANCE_SIGMA = 1e-3
+# Relative standard deviation that is added to the positions of points of a loop.
+LOOP_POINT_SIGMA = 1e-3
+# Relative standard deviation of the prior of points, which makes the information of points without parallax regular.
+POINT_PRIOR_SIGMA = 30.0
 
 
 def world_from_keyframes(history: KeyframeHistory) -> Similarities:
@@ -50,8 +52,8 @@ def odometry_edges(history: KeyframeHistory) -> RelativeEdges:
 
 def loop_edges(loops: Sequence[DetectedLoop], places: Sequence[MappedPlace]) -> RelativeEdges:
     """Return the relative similarities of loops."""
-    a = np.array([places[loop.a].place.keyframe for loop in loops], np.intp)
-    b = np.array([places[loop.b].place.keyframe for loop in loops], np.intp)
+    a = np.array([places[loop.a].keyframe for loop in loops], np.intp)
+    b = np.array([places[loop.b].keyframe for loop in loops], np.intp)
     rotation = np.array([loop.a_from_b.rotation for loop in loops]).reshape(-1, 3, 3)
     position = np.array([loop.a_from_b.translation for loop in loops]).reshape(-1, 3)
     log_scale = np.log([loop.scale for loop in loops])
@@ -92,8 +94,8 @@ def _odometry_root(history: KeyframeHistory, k: int, information: Array) -> Arra
         return None
     pose, points = history.poses[k], history.points[number]
     at_b = history.poses[k + 1] @ points
-    floor = (MIN_DISTANCE_SIGMA * np.linalg.norm(at_b, axis=1)) ** 2
-    covariance = np.linalg.inv(information[number] + 1e-9 * np.eye(3) / floor[:, None, None])
+    prior = (POINT_PRIOR_SIGMA * np.linalg.norm(at_b, axis=1)) ** 2
+    covariance = np.linalg.inv(information[number] + np.eye(3) / prior[:, None, None])
     covariance = 2 * (pose.rotation @ covariance @ pose.rotation.T)
     a_from_b = pose @ history.poses[k + 1].inverse()
     return _root(alignment_information(a_from_b, 1.0, at_b, covariance) / DRIFT_FACTOR**2)
@@ -108,8 +110,8 @@ def _loop_root(loop: DetectedLoop, places: Sequence[MappedPlace]) -> Array:
         return np.diag(1 / (10 * sigma))
     turn = loop.scale * loop.a_from_b.rotation
     covariance = loop.noise**2 * (a.covariance[pairs[:, 0]] + turn @ b.covariance[pairs[:, 1]] @ turn.T)
-    floor = (MIN_DISTANCE_SIGMA * np.linalg.norm(a.points[pairs[:, 0]], axis=1)) ** 2
-    covariance = covariance + floor[:, None, None] * np.eye(3)
+    added = (LOOP_POINT_SIGMA * np.linalg.norm(a.points[pairs[:, 0]], axis=1)) ** 2
+    covariance = covariance + added[:, None, None] * np.eye(3)
     noise = np.linalg.inv(alignment_information(loop.a_from_b, loop.scale, b.points[pairs[:, 1]], covariance))
     return _root(np.asarray(np.linalg.inv(noise + np.diag(sigma**2)), float))
 

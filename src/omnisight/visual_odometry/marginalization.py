@@ -38,7 +38,7 @@ class PosePrior:
     poses: Array
     residuals: Array
     derivatives: Array
-    fixes_place = True
+    fixes_gauge = True
 
     @classmethod
     def of_normal_equations(cls, frames: Indices, poses: Array, information: Array, gradient: Array) -> "PosePrior":

@@ -18,7 +18,7 @@ MIN_ROTATION_RAD = np.radians(5.0)
 # Rounds of iteratively reweighted least squares.
 ROBUST_ROUNDS = 10
 # Singular value of the rotation axes, relative to the largest, below which they are parallel.
-MIN_AXIS_SPREAD = 0.02
+MIN_SINGULAR_RATIO = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +65,8 @@ def solve_hand_eye(a_from_board: Poses, b_from_board: Poses) -> HandEye | None:
     turned = np.minimum(*(np.linalg.norm(v, axis=1) for v in (alpha, beta))) > MIN_ROTATION_RAD
     if turned.sum() < 2:
         return None
-    spread = np.linalg.svd(alpha[turned], compute_uv=False)
-    if spread[1] < MIN_AXIS_SPREAD * spread[0]:
+    singular_values = np.linalg.svd(alpha[turned], compute_uv=False)
+    if singular_values[1] < MIN_SINGULAR_RATIO * singular_values[0]:
         return None
     rotation = _robust_rotation(alpha[turned], beta[turned])
     relations = np.swapaxes(rotation @ a_from_board.rotation, 1, 2) @ b_from_board.rotation

@@ -23,7 +23,7 @@ MAX_RESIDUAL_RATIO = 5.0
 # Residuals (px, relative to an image 1000 px wide) below which a view never contradicts, because the pose of one board
 # has this error in another camera, and above which it always does.
 MIN_RESIDUAL_PX, MAX_RESIDUAL_PX = 2.0, 30.0
-# Frames from which relative poses are proposed, evenly spread; each is tried on all frames.
+# Frames from which relative poses are proposed, evenly distributed; each is tried on all frames.
 MAX_PROPOSALS = 40
 
 

@@ -23,8 +23,8 @@ def tree(foot: Point, leaf: Texture, bark: Texture, name: str, rng: Rng, tall: f
     solids = [cylinder(fork, base, 0.025 * tall, bark, name)]
     for i in range(14):
         turn, height = 2.4 * i, 0.5 + 0.5 * (i + 0.5) / 14
-        spread = 0.24 * tall * np.sqrt(max(1 - ((height - 0.68) / 0.36) ** 2, 0.05)) * rng.uniform(0.6, 1.0)
-        centre = base + np.array((spread * np.cos(turn), -height * tall, spread * np.sin(turn)))
+        radius = 0.24 * tall * np.sqrt(max(1 - ((height - 0.68) / 0.36) ** 2, 0.05)) * rng.uniform(0.6, 1.0)
+        centre = base + np.array((radius * np.cos(turn), -height * tall, radius * np.sin(turn)))
         size = tall * rng.uniform(0.1, 0.16)
         blob = ellipsoid((0, 0, 0), (size, 0.8 * size, size), leaf, name)
         solids.append(blob.moved(Pose(exp(rng.normal(0, 0.5, 3)), centre)))
