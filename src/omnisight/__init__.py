@@ -1,6 +1,6 @@
 """Calibrate fisheye, mirror and other omnidirectional cameras, and turn their images into views.
 
-The public names are listed in `__init__.pyi`. Each is imported at its first use, so that a new process starts fast.
+The public names are listed in `__init__.pyi`. Each is imported at its first use, which lets a new process start fast.
 """
 
 import importlib as _importlib

@@ -13,7 +13,7 @@ from omnisight.ray_camera import RayCamera
 Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
 
-# Rings of sampled bearings, 0.9 degrees apart: about 51,000, so that the share of a field of view of 60 degrees has a
+# Rings of sampled bearings, 0.9 degrees apart: about 51,000, so the share of a field of view of 60 degrees has a
 # standard error below 1 %.
 RINGS = 200
 # Points at infinity, as a multiple of the largest baseline: the parallax is below a thousandth of the sampling.

@@ -176,7 +176,7 @@ def test_a_rig_that_contradicts_the_images(run, pair, tmp_path, axis, angle, sta
     data = json.loads(out)
     assert found == status
     assert data["rotation_from_rig_deg"] == pytest.approx(np.degrees(angle), abs=0.2)
-    assert "the images contradict the rig, so that distances may be wrong or missing" in data["warning"]
+    assert "the images contradict the rig, and distances may be wrong or missing" in data["warning"]
     assert data["warning"] in err
     if status:  # rows do not match, so that no distance is accurate enough
         assert data["row_difference"]["px"] > 3

@@ -13,7 +13,7 @@ from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
-# Leverage of a view above which no other view determines the same direction, so that it cannot be compared.
+# Leverage of a view above which no other view determines the same direction: it cannot be compared.
 MAX_LEVERAGE = 0.9
 # Standard deviations of the view_scatter that are attributed to chance.
 CHANCE_SIGMA = 2.0

@@ -1,4 +1,4 @@
-"""Projection of points outside a camera's domain, clamped to its edge, so that the cost is continuous there.
+"""Projection of points outside a camera's domain, clamped to its edge for a continuous cost.
 
 With a constant cost outside, the total would jump where the edge passes a corner, and optimization would stop there.
 """

@@ -114,7 +114,7 @@ def view_displacements(observations: Observations) -> Array:
 
 
 def _distinct_views(displacement: Array, threshold: float) -> list[int]:
-    """Return views ordered so that each is the farthest from all previous ones, without repeated ones."""
+    """Return views in an order in which each is the farthest from all previous ones, without repeated ones."""
     selected, nearest = [0], displacement[0].copy()
     while nearest.max() > threshold:
         selected.append(int(nearest.argmax()))

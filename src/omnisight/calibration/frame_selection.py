@@ -19,7 +19,7 @@ from omnisight.targets.raw_detections import DETECTOR_VERSION
 
 # Version of cached selections.
 SELECTION_VERSION = 2
-# Frames that are returned if none shows the board, so that messages can report what they show instead.
+# Frames that are returned if none shows the board: messages report what they show instead.
 FRAMES_WITHOUT_BOARD = 3
 # Share of the declared frames below which a clip counts as truncated; many declare a few too many.
 MIN_COMPLETE_SHARE = 0.95
@@ -60,7 +60,7 @@ def select_frames(
 ) -> SelectedFrames:
     """Select the most informative frames of a clip: sharp, without motion, and each with new information.
 
-    They are written to the cache folder, by the content of the clip, so that every stage can read them as image files.
+    They are written to the cache folder, by the content of the clip; every stage can read them as image files.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Logarithmic barrier that keeps a camera model injective where its image nearly folds inside the corners.
 
 Where the projection stops growing with the off-axis angle, its domain ends, and the cost jumps by all corners beyond.
-The barrier ends the cost smoothly, so that Levenberg-Marquardt steps follow the edge instead of stopping at it.
+The barrier ends the cost smoothly: Levenberg-Marquardt steps follow the edge instead of stopping at it.
 """
 
 from typing import NamedTuple

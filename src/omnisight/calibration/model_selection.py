@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 
 # Views with different poses that determine a camera: a plane gives two constraints per view on five parameters.
 MIN_VIEWS = 3
-# Ratio of two rms errors above which one model fits clearly worse, so that it is not compared any further.
+# Ratio of two rms errors above which one model fits clearly worse and is not compared any further.
 MAX_RMS_RATIO = 1.5
 # Relative reduction of the held-out error that matters: below, the model with fewer parameters is taken.
 MIN_RELATIVE_GAIN = 0.01

@@ -1,7 +1,7 @@
 """Multistart search: starts sampled from the priors of a model's parameters, successive halving, refinement.
 
 Models whose parameters nearly compensate each other have several local minima. Starts are drawn from the priors that
-the parameters of the model state (`Parameter`), from a low-discrepancy sequence, so that every run draws the same. All
+the parameters of the model state (`Parameter`), from a low-discrepancy sequence: every run draws the same. All
 are refined by a few steps on a few corners; the better half is refined by more steps on more corners, and so on; the
 survivors in distinct local minima are refined on all corners, and the one of the lowest robust cost is kept. Jamieson
 and Talwalkar, Non-stochastic best arm identification and hyperparameter optimization (successive halving), AISTATS

@@ -21,7 +21,7 @@ MIN_VISIBLE_SHARE = 0.8
 APERTURE_MARGIN = 1.25
 # Iterations that refine the poses with the camera constant.
 POSE_ITERATIONS = 30
-# Relative margin of a radius so that the outermost corner stays visible after rounding.
+# Relative margin of a radius, with which the outermost corner stays visible after rounding.
 ROUNDING = 1e-6
 
 

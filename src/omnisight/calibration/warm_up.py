@@ -47,7 +47,7 @@ def compile_first() -> None:
 
 
 def warm_up() -> None:
-    """Run a minimal calibration, so that its loops are compiled or loaded from the cache.
+    """Run a minimal calibration, which compiles its loops or loads them from the cache.
 
     Takes seconds on the first run on a machine, tenths of a second afterwards.
     """

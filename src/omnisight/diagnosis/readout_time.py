@@ -41,7 +41,7 @@ class ReadoutTime:
 def estimate_readout_time(camera: Camera, runs: Sequence[Sequence[SeenFrame]]) -> ReadoutTime | None:
     """Estimate the readout time from runs of consecutive images; None if the camera turns in too few.
 
-    Row v of an image of height H is read t (v/H - 1/2) after its middle row, so that in a camera with the turn rate w
+    Row v of an image of height H is read t (v/H - 1/2) after its middle row. In a camera with the turn rate w,
     a bearing b is shifted by t (v/H - 1/2) w x b. The residuals of a relative pose are linear in t, which is estimated
     together with a step of the pose, by least squares over the inliers of each pair. A constant turn shows it only by
     patches that change their row.

@@ -54,7 +54,7 @@ def detect_features(
 
     The image circle limits keypoints with the support of their descriptors: the calibrated field of view of the camera,
     or, if it is unknown, the image circle detected in the image. At the seam of a 360 image keypoints exist once.
-    The image of a mirror camera is detected without its reflection, so that it matches the image of a lens.
+    The image of a mirror camera is detected without its reflection, and then matches the image of a lens.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class WholeImage:
 class TangentView:
     """A stereographic view of the face of a cube: it maps small circles to circles, at nearly constant resolution.
 
-    SIFT and ORB are invariant to rotation and scale, so that a conformal view is all they need; a perspective view
+    SIFT and ORB are invariant to rotation and scale, so a conformal view is all they need; a perspective view
     would stretch what is 55 degrees from its centre by 1.7 in one direction.
     """
 

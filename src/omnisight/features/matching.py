@@ -75,7 +75,7 @@ def match_guided(a: Keypoints, b: Keypoints, b_from_a: Pose, sigma: float = 0.0,
 
     Only keypoints of `b` near the epipolar curve of a keypoint of `a`, at positive distances from both cameras,
     are compared. The first-order (Sampson) error of the bearings to the epipolar constraint is at most 3 standard
-    deviations. Fewer keypoints compete than without guidance, so that more pass the ratio test.
+    deviations. Fewer keypoints compete than without guidance, so more pass the ratio test.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def _check_descriptors(a: Keypoints, b: Keypoints) -> None:
 
 
 def _unit_vectors(descriptors: NDArray[Any]) -> Floats:
-    """Return descriptors as unit vectors (N, D): bits become ±1, so that 1 - 2 h/D is the similarity."""
+    """Return descriptors as unit vectors (N, D): bits become ±1, for which 1 - 2 h/D is the similarity."""
     if descriptors.dtype != np.uint8:
         return descriptors
     bits = np.unpackbits(descriptors, axis=1).astype(np.float32)

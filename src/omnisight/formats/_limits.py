@@ -1,4 +1,4 @@
-"""Limits on what a file may claim or hold, so that a hostile file costs no more than its length.
+"""Limits on what a file may claim or hold: a hostile file costs no more than its length.
 
 Calibration files are a few kilobytes and corner files a few megabytes; each limit is far above what any tool writes.
 """

@@ -1,7 +1,7 @@
 """Read the YAML, JSON and Python literals that calibration files are written in.
 
 Calibration tools write `%YAML:1.0`, `key:value`, JSON with comments and `.Nan`, which strict parsers refuse. This
-reader supports maps, lists and scalars, no anchors, and reads a text once, so that a hostile file costs no more than
+reader supports maps, lists and scalars, no anchors, and reads a text once: a hostile file costs no more than
 its length.
 """
 

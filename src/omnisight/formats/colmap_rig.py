@@ -2,7 +2,7 @@
 
 As in COLMAP's page on rigs: a list of rigs of cameras, of which one has `ref_sensor`; `cam_from_rig_rotation` is a
 quaternion wxyz. `camera_model_name` and `camera_params` are those of cameras.txt, pixel origin included. The format has
-no image size; this program adds `size`, which COLMAP ignores, so that its own files read back.
+no image size; this program adds `size`, which COLMAP ignores, to read its own files back.
 """
 
 import json

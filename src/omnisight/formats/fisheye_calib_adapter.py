@@ -66,7 +66,7 @@ def serialize(camera: Camera) -> tuple[str, tuple[str, ...]]:
     width, height = exported.size
     values = alpha_from_unified(exported.values) if camera.model.name == "unified" else exported.values
     lines = ["image:", f"  width: {width}", f"  height: {height}", "parameter:"]
-    # The coefficients come first, so that a truncated file does not read as a pinhole.
+    # The coefficients come first: a truncated file must not read as a pinhole.
     lines += [f"  {name}: {flow(values[name])}" for name in (*LENSES[camera.model.name], *PLANE)]
     return exported.result("\n".join(lines) + "\n")
 

@@ -103,7 +103,7 @@ def _lens_lines(camera: Camera, number: int) -> tuple[list[str], tuple[int, int]
     """Return the lines of the parameters of a camera, its image size and what they do not hold."""
     _, own = LENSES.get(camera.model.name, ("", ()))
     exported = export(camera, MODELS, [*PLANE, *own])
-    # The coefficients come first, so that a truncated file does not read as a pinhole.
+    # The coefficients come first: a truncated file must not read as a pinhole.
     lines = [f"Camera{number}.{name}: {flow(exported.values[name])}" for name in (*own, *PLANE)]
     return lines, exported.size, exported.result("")[1]
 

@@ -1,4 +1,4 @@
-"""GPano tags of equirectangular photos: an XMP packet in a JPEG file, so that viewers show a sphere.
+"""GPano tags of equirectangular photos: an XMP packet in a JPEG file, with which viewers show a sphere.
 
 Namespace http://ns.google.com/photos/1.0/panorama/ (Google, Photo Sphere XMP Metadata).
 """

@@ -1,4 +1,4 @@
-"""Spherical metadata of MP4 files, so that players show a sphere: Spherical Video V1 (uuid) and V2 (st3d, sv3d).
+"""Spherical metadata of MP4 files, with which players show a sphere: Spherical Video V1 (uuid) and V2 (st3d, sv3d).
 
 Google, spatial-media, docs/spherical-video-rfc.md and spherical-video-v2-rfc.md; boxes of ISO/IEC 14496-12.
 """

@@ -11,7 +11,7 @@ VIDEO_SUFFIXES = (
     # The containers of Insta360 and GoPro MAX cameras.
     *(".insv", ".360"),
 )
-# A limit on the top-level boxes of an MP4 file, so that a hostile file cannot stall the reader.
+# A limit on the top-level boxes of an MP4 file: a hostile file cannot stall the reader.
 MAX_MP4_BOXES = 1000
 
 

@@ -45,7 +45,7 @@ def refine(
     A parameter with a prior (`Parameter.prior_sigma`) is pulled to 0 by a negligible weight: the prior determines only
     what the pairs do not.
     """
-    # A point outside the domain costs as much as the whole image, so that no step gains by losing points.
+    # A point outside the domain costs as much as the whole image: no step gains by losing points.
     lost_px = float(np.ptp(pixels, axis=0).max()) + 1.0
     prior = PRIOR_WEIGHT_PX / start.prior_sigmas
     prior_rows = np.diag(prior)[prior > 0]

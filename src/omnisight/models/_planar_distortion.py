@@ -149,7 +149,7 @@ class PlanarDistortion(NoDistortion):
     @staticmethod
     def first_newton_steps(m: Any, p: Any, q: Any, x: Any, y: Any) -> Any:
         """Return (p, q) after three Newton steps."""
-        # Unrolled, so that the compiled loop over the points vectorizes.
+        # Unrolled: the compiled loop over the points then vectorizes.
         p, q, _ = newton_step(m, p, q, x, y)
         p, q, _ = newton_step(m, p, q, x, y)
         p, q, _ = newton_step(m, p, q, x, y)

@@ -48,7 +48,7 @@ class Ocam(ProfileCamera):
     f(r) = a0 + a2 r^2 + a3 r^3 + ...,  a1 = 0, r in pixels.
 
     The pixel is the stretched plane point: row = c y + d x + cy, column = e y + x + cx. In OCamCalib's own frame x
-    points down, y right and z back, so that its coefficients have the other sign. a0 in pixels and the one in the
+    points down, y right and z back; its coefficients have the other sign. a0 in pixels and the one in the
     stretch matrix fix the scale that eq. (7) of the chapter does not determine.
 
     The projection is the exact inverse: the first root of sin(theta) f(r) = cos(theta) r, by Newton's method kept
@@ -113,7 +113,7 @@ class Ocam(ProfileCamera):
                     break
                 r, low, high, step = radius_newton_step(m, r, low, high, s, c)
         if max_iterations is None or has_derivatives(r):
-            # Unrolled, so that the compiled loop over the points vectorizes.
+            # Unrolled: the compiled loop over the points then vectorizes.
             r, low, high, step = radius_newton_step(m, without_gradient(r), low, high, s, c)
             r, low, high, step = radius_newton_step(m, r, low, high, s, c)
         converged = past | (step * step < largest)

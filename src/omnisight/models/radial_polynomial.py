@@ -78,7 +78,7 @@ class RadialPolynomial(ProfileCamera):
         theta = where(theta < m.theta_max, theta, m.theta_max)
         # The error is the square of the last step over w, which vanishes at the fold. Beyond the rim no angle exists.
         largest = MAX_SQUARED_STEP * rounding(r) * w
-        # Unrolled, so that the compiled loop over the points vectorizes.
+        # Unrolled: the compiled loop over the points then vectorizes.
         theta, step = angle_newton_step(m, theta, r)
         if max_iterations is not None:
             for _ in range(max_iterations):
@@ -98,7 +98,7 @@ class RadialPolynomial(ProfileCamera):
         w = np.sqrt(np.maximum(1 - q * q, 0))
         powers = [w**i for i in range(4)] + [q * w**i for i in range(3)]
         start = np.linalg.lstsq(np.stack(powers, -1), theta / r, rcond=None)[0]
-        # Slightly larger than the last angle, so that the rim itself is valid.
+        # Slightly larger than the last angle, because the edge itself is valid.
         inverse = {
             "inverse_fold_radius": 1 / float(r[-1]),
             "theta_max": self.theta_max * (1 + 1e-12),

@@ -64,7 +64,7 @@ def even_controls(r: Any) -> Any:
 
 
 class SplineProfile(ProfileCamera):
-    """r(theta) = theta S(theta), S an even uniform cubic B-spline on [0, reach], so that r is smooth on the axis."""
+    """r(theta) = theta S(theta), S an even uniform cubic B-spline on [0, reach]: r is smooth on the axis."""
 
     reach: float
     r: tuple[float, ...]
@@ -98,7 +98,7 @@ class SplineProfile(ProfileCamera):
                 theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
                 if not any_of((step * step >= largest) & (r <= m.r_last)):
                     break
-        # Unrolled, so that the compiled loop over the points vectorizes.
+        # Unrolled: the compiled loop over the points then vectorizes.
         theta, low, high, step = bracketed_newton_step(m, without_gradient(theta), low, high, r)
         theta, low, high, step = bracketed_newton_step(m, theta, low, high, r)
         theta = where(theta < m.theta_last, theta, m.theta_last)
@@ -122,7 +122,7 @@ class SplineProfile(ProfileCamera):
         inverse = {
             "start": start,
             "over_last": over_last,
-            # Slightly larger than the last angle, so that the rim itself is valid.
+            # Slightly larger than the last angle, because the edge itself is valid.
             "theta_last": self.theta_max * (1 + 1e-12),
             "r_last": self.radius_max(),
         }
@@ -193,7 +193,7 @@ class Spline(SplineDistortion, SplineProfile):
     The baseline for the models with few parameters: its residuals are not caused by the model. Valid up to reach, or
     where r stops increasing, and within the circle inscribed in the square. Similar to Schoeps, Larsson,
     Pollefeys and Sattler, Why having 10,000 parameters in your camera model is better than twelve, CVPR 2020, with a
-    profile of its own so that the correction stays small.
+    profile of its own, which keeps the correction small.
     """
 
     unrolled_steps: ClassVar[int] = 2  # from a table, and with a correction of a few pixels
@@ -220,7 +220,7 @@ class Spline(SplineDistortion, SplineProfile):
             raise ValueError(f"spline needs as many values of dv as of du, got {len(self.dv)} and {len(self.du)}")
 
     def kernel_values(self) -> dict[str, Any]:
-        # `derived` holds them as arrays, so that the same compiled code serves all counts.
+        # `derived` holds them as arrays: the same compiled code serves all counts.
         return {name: value for name, value in super().kernel_values().items() if name not in {"r", "du", "dv"}}
 
     def affine(self) -> tuple[float, float, float, float, float, float]:

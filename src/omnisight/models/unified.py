@@ -57,7 +57,7 @@ class Unified(UnifiedProfile):
     focus; -1 < xi < 0 are concave mirrors with the lens in the near focus. xi > 1 and xi < 0 also describe lenses.
     Valid where z_s > -xi, and for xi > 1 where z_s > -1/xi and r^2 <= 1/(xi^2 - 1). Geyer and
     Daniilidis, A unifying theory for central panoramic systems, ECCV 2000. The chapter names xi epsilon. A mirror
-    flips handedness: the camera's frame looks into the mirror, so that the image is the world's mirror image only if
+    flips handedness: the camera's frame looks into the mirror, so the image is the world's mirror image only if
     fx and fy differ in sign.
     """
 

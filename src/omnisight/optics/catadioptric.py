@@ -21,7 +21,7 @@ from omnisight.optics.seed_rays import SeedRays
 from omnisight.optics.telecentric import Telecentric
 from omnisight.optics.tracing import is_unobstructed, trace
 
-# Rays per block, so that the intermediate arrays stay in the cache.
+# Rays per block: the intermediate arrays stay in the cache.
 BLOCK_RAYS = 16384
 # Start points tried for a reflection if the best one fails.
 MAX_STARTS = 16

@@ -22,7 +22,7 @@ FAR_DISTANCE = 1e9
 class CentralLimit(CameraModel):
     """A non-central camera for a distant scene: only the directions of its rays matter, not their origins.
 
-    It has all parameters of the non-central model, so that their covariance applies to it. After an odd number of
+    It has all parameters of the non-central model, so their covariance applies to it. After an odd number of
     mirrors, its z axis points away from the viewing direction of the lens, as in `RayCamera.central`.
 
     Attributes

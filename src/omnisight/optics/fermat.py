@@ -115,7 +115,7 @@ def solve(hessian: Array, right: Array) -> Array:
     if len(hessian) == 2:
         (a, b), (c, d) = hessian
         return np.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
-    # Eliminate the last reflection point (Schur complement), so that only 2 x 2 matrices are inverted.
+    # Eliminate the last reflection point (Schur complement) to invert only 2 x 2 matrices.
     p, q, s = hessian[:-2, :-2], hessian[:-2, -2:], hessian[-2:, -2:]
     s_q = solve(s, hessian[-2:, :-2])  # (2, n - 2, N)
     s_r = solve(s, right[-2:])

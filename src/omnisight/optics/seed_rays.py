@@ -12,7 +12,7 @@ from omnisight.optics.reflection import reflect
 
 Array = NDArray[np.float64]
 
-# Point-ray pairs compared at a time, so that the arrays stay in the cache.
+# Point-ray pairs compared at a time: the arrays stay in the cache.
 BLOCK_PAIRS = 1 << 16
 
 

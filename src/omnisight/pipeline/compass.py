@@ -132,8 +132,8 @@ def compass_rotation(
 ) -> CompassRotation:
     """Estimate the rotation between two images about the vertical axis from their appearance.
 
-    It does not depend on keypoints, so that it can check a relative pose: `CompassRotation.deviation` compares it with
-    the rotation of visual odometry.
+    It does not depend on keypoints and can therefore check a relative pose: `CompassRotation.deviation` compares it
+    with the rotation of visual odometry.
 
     Parameters
     ----------

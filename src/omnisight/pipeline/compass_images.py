@@ -102,7 +102,7 @@ class PanoramaReader:
                 weights = _cosines(gray.shape[0])
         signature = PanoramaSignature(gray, weights)
         if signature.is_uniform:
-            raise ValueError(f"{image.name}: is uniform along its rows, so that it shows no heading")
+            raise ValueError(f"{image.name}: is uniform along its rows and shows no heading")
         return signature
 
     def _reduced(self, gray: NDArray[np.uint8], name: str) -> NDArray[Any]:

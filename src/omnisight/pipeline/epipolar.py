@@ -117,7 +117,7 @@ def epipolar(
     """Estimate the relative pose of two images of any cameras from matched features.
 
     Features are not matched again along the epipolar curves: such matches confirm the pose from which the curves are,
-    so that its estimate becomes no better, and its standard deviation too small.
+    which makes its estimate no better, and its standard deviation too small.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints]
     """Return why the images have no epipolar geometry; empty if they have."""
     a, b = photos
     if a.camera.size == b.camera.size and np.array_equal(a.image, b.image):
-        return "the images are identical, so that nothing is known of a motion; take the second from another place"
+        return "the images are identical and do not determine a motion; take the second from another place"
     for photo, found in zip(photos, keypoints, strict=True):
         if photo.mask is not None and not photo.mask.any():
             return f"the mask of {photo.label} excludes all of its pixels; paint the areas to use white"

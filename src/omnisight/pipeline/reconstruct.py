@@ -45,7 +45,7 @@ Pairs = list[tuple[int, int]]
 # need it for loops only.
 MAX_EXHAUSTIVE, NEIGHBOURS, LOOP_NEIGHBOURS = 40, 20, 10
 NEEDS_SCALE = (
-    "the rays of a non-central camera have different origins, so that the model must be in metres: specify --scale,"
+    "the rays of a non-central camera have different origins, so the model must be in metres: specify --scale,"
     " --positions, or a rig of cameras that are apart; or use the central camera, of --model auto"
 )
 # Mappers of COLMAP by the engine.

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 # Fields of view, degrees: of an image circle, and of the diagonal of the image of a fisheye or of a perspective lens.
 # The circle of a lens of 200 degrees may touch all sides of a square image, whose diagonal then has 283. Mapping
-# converges from focal lengths 20 % too short to 25 % too long, so that one of the candidates suffices.
+# converges from focal lengths 20 % too short to 25 % too long, so one of the candidates suffices.
 CIRCLES = (160.0, 180.0, 200.0, 220.0, 250.0)
 FISHEYES, PERSPECTIVES = (100.0, 130.0, 160.0, 190.0, 220.0, 260.0, 300.0), (40.0, 55.0, 70.0, 85.0)
 # Number of pairs of images that select the field of view, number of pairs among which these are the ones with most

@@ -82,7 +82,7 @@ class RigCheck(NamedTuple):
         if not (self.row_px > MAX_ROW_DIFFERENCE_PX or rotated):
             return ""
         return (
-            "the images contradict the rig, so that distances may be wrong or missing: after rectification matched"
+            "the images contradict the rig, and distances may be wrong or missing: after rectification matched"
             f" points differ by {self.row_px:.1f} rows ({self.row_deg:.2f}°, median), and the images determine a"
             f" rotation of the cameras that is {self.rotation_deg:.2f}° ± {self.rotation_sigma_deg:.2f}° from that of"
             " the rig. Check that the cameras of the rig took both images at the same time, and calibrate the rig again"

@@ -19,7 +19,7 @@ def trajectory_format(path: Path) -> Format:
 
 
 class TrajectoryWriter:
-    """Appends poses to a file, so that an interrupted run keeps those that it has found.
+    """Appends poses to a file: an interrupted run keeps those that it has found.
 
     TUM: lines of `timestamp tx ty tz qx qy qz qw`, world_from_rig, without the frames whose pose is not known. KITTI:
     the matrix world_from_rig (3, 4) of each frame in a row, NaN where the pose is not known.

@@ -1,4 +1,4 @@
-"""Results of the stages of a long computation, kept in files so that it can be continued after an interruption."""
+"""Results of the stages of a long computation, kept in files to continue it after an interruption."""
 
 import hashlib
 import io

@@ -14,7 +14,7 @@ BLOCK = 16
 class InvertedLists:
     """For each word the descriptors that are assigned to it, in the order of their images.
 
-    The list of a word is a chain of blocks of entries, so that images are added without moving others.
+    The list of a word is a chain of blocks of entries: images are added without moving others.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class _Fit(NamedTuple):
 class PanoramaSignature:
     """Appearance of a panorama without its brightness and contrast.
 
-    Gray values are replaced by their ranks, so that any increasing function of the gray values changes nothing. The
+    Gray values are replaced by their ranks, on which an increasing function of the gray values has no effect. The
     mean of each row, which does not depend on the heading, is subtracted.
 
     Attributes

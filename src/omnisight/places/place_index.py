@@ -51,7 +51,7 @@ class PlaceIndex:
     Each descriptor of a query has one vote, which it shares among the images with a similar descriptor (H. Jegou et
     al., Hamming embedding, ECCV 2008, with the inverse document frequency of each descriptor in place of that of its
     word). Descriptors that many images show, such as those of a repeated window, hardly contribute. Bearings are not
-    used, so that the score is independent of the orientation of the camera. Similar descriptors are found by the
+    used, so the score is independent of the orientation of the camera. Similar descriptors are found by the
     inverted lists of binary words (D. Galvez-Lopez and J. Tardos, Bags of binary words, T-RO 2012).
 
     Parameters

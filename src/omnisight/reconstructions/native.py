@@ -1,7 +1,7 @@
 """omnisight's own file of a reconstruction, `reconstruction.npz`: nothing is lost.
 
 A zip file of NumPy arrays, which `numpy.load` reads too, and of `reconstruction.json` with the rig and the names. Its
-members are not compressed, so that a hostile file costs no more memory than its length. Nothing is unpickled.
+members are not compressed, so a hostile file costs no more memory than its length. Nothing is unpickled.
 """
 
 import io

@@ -26,7 +26,7 @@ VIRIDIS = np.array(
 )
 # Uniformly colored rectangles of a color bar.
 BAR_STEPS = 32
-# Ticks nearer to an end of the bar than this fraction are skipped, so that labels do not overlap.
+# Ticks nearer to an end of the bar than this fraction are skipped, because their labels would overlap.
 MIN_TICK_GAP = 0.07
 
 

@@ -2,7 +2,7 @@
 
 COLMAP has no model of most cameras beyond 90° from the axis. It gets the bearings as pixels of equirectangular images,
 with the verified matches and the fixed poses of the sensors on the rig. Triangulation and bundle adjustment follow
-here, so that the maps are the same in form as those of `map_images`.
+here: the maps are the same in form as those of `map_images`.
 """
 
 import importlib.util

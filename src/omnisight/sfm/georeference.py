@@ -97,7 +97,7 @@ def georeferenced(found: Map, positions: Array) -> tuple[Map, Georeference]:
 
 
 def scaled(found: Map, a: int, b: int, metres: float) -> tuple[Map, Georeference]:
-    """Scale a map so that two of its images have a known distance."""
+    """Scale a map to a known distance between two of its images."""
     images = np.array([a, b])
     rows = found.row_of_image[images]
     if (rows < 0).any():
@@ -162,8 +162,8 @@ def _insufficient(positions: Array, sigma: Array) -> str:
     scale_sigma = np.sqrt(variance / max(float((arms**2).sum()), 1e-300))
     if scale_sigma > MAX_SCALE_SIGMA:
         return (
-            f"the standard deviation of the known positions, {np.sqrt(variance):.2g} m, is too large for images that"
-            f" are at most {radius:.2g} m from their centre"
+            f"the known positions scatter by {np.sqrt(variance):.2g} m, and the images are at most {radius:.2g} m from"
+            " their centre"
         )
     skew = so3.hat(arms)
     information = np.einsum("nij,nik->jk", skew, skew) / variance

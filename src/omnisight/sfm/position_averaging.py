@@ -95,7 +95,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
         return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
     weights = support = edges.support / edges.support.mean()
-    # The edges outside the tree determine the unit of the rig, so that wrong ones must not count.
+    # The edges outside the tree determine the unit of the rig, so wrong ones must not count.
     outside = _reweighted(solve, support) if has_arms else support
     solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * outside))
     for scale in SCALES:

@@ -187,7 +187,7 @@ def average_log_scales(table: DistanceTable) -> tuple[Array, Array, Indices]:
             table.of_edge,
             keypoint,
         )
-        # Only differences of scales are determined, so that any weight of the anchors makes their scales zero.
+        # Only differences of scales are determined, so any weight of the anchors makes their scales zero.
         fixing[anchors] = 1.0 + matrix.diagonal[anchors]
         matrix.add_diagonal(fixing)
         fill_deviations(starts, edge, table.log_distance, weights, right)

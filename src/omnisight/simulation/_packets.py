@@ -21,7 +21,7 @@ SHADOW_LEAST = 1e-6
 
 @njit_inlined
 def _axis(origins, bearings, count, k):
-    """Return the interval of one axis of a packet, mirrored so that its directions are positive.
+    """Return the interval of one axis of a packet, mirrored to positive directions.
 
     Sign (0 if the directions differ in sign), origins from low to high, and inverse directions from low to high.
     """

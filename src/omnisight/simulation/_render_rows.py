@@ -38,7 +38,7 @@ def _load(array, r):
 
 @njit_helper
 def _neighbour(i, samples, end):
-    """Return the index of a neighbouring ray, in the same pixel if possible, so that windows do not change results."""
+    """Return the index of a neighbouring ray, in the same pixel if possible: windows do not change results."""
     if samples > 1:
         return i + 1 if (i + 1) % samples else i - 1
     return i + 1 if i + 1 < end else i - 1 if i > 0 else i

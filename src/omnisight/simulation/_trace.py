@@ -15,7 +15,7 @@ from omnisight.simulation._shapes import meet, normal
 class Tree(NamedTuple):
     """Solids in a bounding-box tree, in arrays for the compiled loops.
 
-    The tree is stored once for each octant of ray directions, so that the nearer child of a node always comes first.
+    The tree is stored once for each octant of ray directions, with the nearer child of a node first.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ def meet_solid(tree, i, ox, oy, oz, dx, dy, dz, least):
 def first_hit(tree, ox, oy, oz, dx, dy, dz, least, most, guess, stop):
     """Return distance, solid and face of the first hit between two distances; inf and -1 if there is none.
 
-    A solid that is likely to be hit, `guess`, is met first, so that what is farther is skipped; -1 for none. It does
+    A solid that is likely to be hit, `guess` (-1 for none), is intersected first; solids beyond it are skipped. It does
     not change the result: of solids at the same distance, the first in the tree is hit. With `stop`, return any hit.
     """
     best, solid, best_face = most, -1, 0

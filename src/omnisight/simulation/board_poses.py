@@ -60,7 +60,7 @@ def board_poses(
     turn = rng.uniform(0, 2 * np.pi)
     poses: list[Pose] = []
     for i in range(count):
-        # Equal areas of an equidistant image, starting at the image circle so that it is always covered.
+        # Equal areas of an equidistant image, starting at the image circle, which is then always covered.
         target = theta[0] + (far - theta[0]) * np.sqrt(1 - i / count)
         for attempt in range(MAX_ATTEMPTS):
             moved = target + ((theta[0] + far) / 2 - target) * attempt / MAX_ATTEMPTS

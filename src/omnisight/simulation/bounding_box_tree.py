@@ -83,7 +83,7 @@ def _grow(bounds: Array, members: NDArray[np.int64], order: list[int]) -> Node:
 
 
 def _split(bounds: Array, members: NDArray[np.int64]) -> tuple[int, list[NDArray[np.int64]]]:
-    """Split a set in at most two along an axis, so that the sum of surface area times count is least."""
+    """Split a set in at most two along an axis, with the least sum of surface area times count."""
     if len(members) < 2:
         return 0, [members] if len(members) else []
     best: tuple[float, int, int, NDArray[np.int64]] | None = None

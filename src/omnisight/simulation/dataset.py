@@ -134,7 +134,7 @@ class Dataset:
                     f"{folder}: contains files that are not of a simulated data set; choose another folder"
                 )
         folder.mkdir(parents=True, exist_ok=True)
-        # Written first, so that an interrupted run can be overwritten.
+        # Written first: an interrupted run can then be overwritten.
         write_bytes(folder / "README.txt", f"{MARKER} Not finished.\n".encode())
         _clear(folder)
         for camera in cameras:

@@ -28,7 +28,7 @@ def shutter_times(length: float, samples: int, time: float, exposure: float) -> 
     length
         Of the blur, px.
     samples
-        Rays per side of a pixel. The number of times is a multiple of its square, so that all rays weigh the same.
+        Rays per side of a pixel. The number of times is a multiple of its square: all rays have the same weight.
     time, exposure
         Middle and duration of the exposure, seconds.
     """

@@ -25,7 +25,7 @@ _Place = tuple[int, int, int, int]
 def find_duplicates(images: Sequence[Sequence[Detection]], size: tuple[int, int]) -> dict[int, tuple[int, float]]:
     """Find the images that repeat an earlier one.
 
-    Only images with points in the same squares are compared, so that the time grows linearly with their number.
+    Only images with points in the same squares are compared, so the time grows linearly with their number.
 
     Parameters
     ----------

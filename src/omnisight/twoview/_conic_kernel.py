@@ -1,7 +1,7 @@
 """Compiled intersection of two conics, by the lines through their intersections.
 
 A real root of det(first + x second) = 0 gives a degenerate conic of the pencil: two lines, each of which intersects the
-conics in two points. Points and lines are homogeneous, so that no point is singular.
+conics in two points. Points and lines are homogeneous, so no point is singular.
 """
 
 # Compiled code takes its types from its arguments.

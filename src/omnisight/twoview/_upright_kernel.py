@@ -81,7 +81,7 @@ def planar_two_point(a, b, poses):
 def circular_one_point(a, b, poses):
     """Compute the pose (1, 3, 4) of one pair on an arc of a circle about y with z as tangent; return the number.
 
-    With the half angle h of the turn, R is the rotation by -2 h and t is along (sin h, 0, -cos h), so that
+    With the half angle h of the turn, R is the rotation by -2 h and t is along (sin h, 0, -cos h). Therefore
     Re(u exp(i h)) = 0 is linear in cos h and sin h.
     """
     cosine = a[0, 1] * b[0, 2] + b[0, 1] * a[0, 2]

@@ -32,7 +32,7 @@ MAX_BLOCK_SIGMA_PX = 0.25
 ROUNDING_SIGMA = 12**-0.5
 # Median of the absolute value of a normal variable.
 NORMAL_MEDIAN = 0.6745
-# Disparities below zero that are searched, so that the noise of points at infinity does not become a distance.
+# Disparities below zero that are searched: the noise of points at infinity does not become a distance.
 BELOW_INFINITY_PX = 4
 # Images are matched in bands of rows. They extend by so many rows into their neighbours, and over the seam of images of
 # all angles about the baseline. A band has at most so many pairs of a pixel and a disparity, of four bytes each.
@@ -150,7 +150,7 @@ def distances(
 
     In the triangle of a point and both cameras, with the angles alpha and beta of the point from the baseline at
     cameras a and b, the distance is r = B sin(beta)/sin(beta - alpha), and dr/d(beta) = -B sin(alpha)/sin²(beta -
-    alpha). Toward the epipoles the parallax of a point vanishes, so that the standard deviation becomes infinite.
+    alpha). Toward the epipoles the parallax of a point vanishes, and the standard deviation becomes infinite.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 # Largest distance of a curve from its chords.
 TOLERANCE_PX = 0.25
-# Steps of a half circle from which the refinement starts: a quarter of a degree each, so that a camera with a field of
+# Steps of a half circle from which the refinement starts: a quarter of a degree each, so a camera with a field of
 # view of one degree sees some of their ends.
 INITIAL_STEPS = 720
 # Refinements of a step by two: the ends of a piece are located within 4e-9 rad.
@@ -85,7 +85,7 @@ def epipolar_curve(camera: Camera, cam_from_other: Pose, bearing: ArrayLike) -> 
     across = through - (through @ start) * start
     length = float(np.linalg.norm(across))
     if not length > 1e-12 * float(np.linalg.norm(through)):
-        raise ValueError(f"the bearing {bearing} is parallel to the baseline, so that it has no epipolar curve")
+        raise ValueError(f"the bearing {bearing} is parallel to the baseline and has no epipolar curve")
     return project_arc(camera, start, across / length, np.pi)
 
 
@@ -159,5 +159,5 @@ def _baseline(cam_from_other: Pose) -> Array:
     """Return the direction (3,) to the centre of the other camera."""
     length = float(np.linalg.norm(cam_from_other.translation))
     if not length > 0:
-        raise ValueError("the translation of the pose is zero, so that there are no epipoles")
+        raise ValueError("the translation of the pose is zero: there are no epipoles")
     return cam_from_other.translation / length

@@ -65,7 +65,7 @@ class Rectification(Displayed):
 
     @property
     def is_periodic(self) -> bool:
-        """Whether the rectified images show all angles about the baseline, so that the first row follows the last."""
+        """Whether the rectified images show all angles about the baseline: the first row then follows the last."""
         return abs(self.camera.height - 2 * np.pi * self.camera.model.params[1]) < 0.5
 
     def angles(self, columns: ArrayLike) -> Array:
@@ -121,7 +121,7 @@ def rectify(
 
     Both images are mapped to spheres whose poles lie on the baseline (S. Li, Binocular spherical stereo, IEEE Trans.
     Intelligent Transportation Systems 9(4), 2008; Z. Arican and P. Frossard, Dense disparity estimation from
-    omnidirectional images, AVSS 2007). There is no image plane, so that all directions can be rectified. The rectified
+    omnidirectional images, AVSS 2007). There is no image plane, so all directions can be rectified. The rectified
     images show the directions that both cameras see, at the resolution of the finer image, and look into the mean
     viewing direction of both cameras as far as it is perpendicular to the baseline.
 
@@ -185,7 +185,7 @@ def _common_view(
     if not len(rows):
         raise ValueError(
             "the cameras see no common direction that is more than"
-            f" {90 - np.degrees(MAX_LATITUDE):.0f} degrees from their baseline, so that there is nothing to match"
+            f" {90 - np.degrees(MAX_LATITUDE):.0f} degrees from their baseline: there is nothing to match"
         )
     bearings, _ = grid.unproject(np.stack([columns, rows], -1)[:: 1 + len(rows) // RESOLUTION_SAMPLES])
     px_per_rad = max(

@@ -167,7 +167,7 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
     """Align the patches first ... last, starting at pixels (N, 2), which receive the result.
 
     At the finest level the affine map is refined too: the surface is not perpendicular to the line of sight of the
-    template, as was assumed, so that the map differs the more, the more the view has changed.
+    template, as was assumed, so the map differs the more, the more the view has changed.
 
     Parameters
     ----------

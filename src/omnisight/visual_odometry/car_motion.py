@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 def estimate_car_motion(pairs: BearingPairs, vehicle_from_rig: Array, options: RansacOptions) -> RobustEstimate:
     """Estimate the relative pose of a camera on a car from pairs of bearings.
 
-    Over a short way a car drives on an arc of a circle, so that one pair determines the motion up to its length (D.
+    Over a short way a car drives on an arc of a circle, so one pair determines the motion up to its length (D.
     Scaramuzza, 1-point-RANSAC structure from motion for vehicle-mounted cameras by exploiting non-holonomic
     constraints, IJCV 95, 2011). The model is refined without this constraint: cars pitch, roll and slip, and the camera
     is not above the rear axle.

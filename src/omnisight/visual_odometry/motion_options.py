@@ -20,7 +20,7 @@ class MotionOptions(Options):
         Close loops: places that were seen before correct the trajectory at the end. Keyframes are kept for it, and
         memory grows with their number.
     motion
-        How the camera moves: "car" if its z axis is that of a car that steers with its front wheels, so that one pair
+        How the camera moves: "car" if its z axis is that of a car that steers with its front wheels, where one pair
         of directions determines a motion instead of five, which tolerates more outliers; "general" otherwise.
     up
         Direction of the camera over the ground: "top" is level; "back" looks down, as below a mirror; "front" looks up.

@@ -1,4 +1,4 @@
-"""Cells of equal solid angle, so that points are distributed evenly over the directions and not over the pixels."""
+"""Cells of equal solid angle, to distribute points evenly over the directions and not over the pixels."""
 
 from dataclasses import dataclass
 from functools import lru_cache

@@ -24,7 +24,7 @@ class Circle:
     Attributes
     ----------
     coefficients
-        (4,) A, B, C, D with B^2 + C^2 - 4 A D = 1, so that the gradient of the left side has length 1 on the circle.
+        (4,) A, B, C, D with B^2 + C^2 - 4 A D = 1: the gradient of the left side has length 1 on the circle.
     covariance
         (4, 4) covariance of the coefficients for pixel noise of 1 px.
     """

@@ -21,7 +21,7 @@ from omnisight.optim.schur import GroupedNormal
 
 Array = NDArray[np.float64]
 
-# Residual of a pixel outside the model's domain: large, but finite, so that the optimisation can continue.
+# Residual of a pixel outside the model's domain: large, but finite: the optimisation can continue.
 OUT_OF_DOMAIN_PX = 50.0
 # Threshold of the Huber loss in robust standard deviations, and its lower bound for exact data.
 OUTLIER_SIGMA, MIN_HUBER_PX = 4.0, 1e-3

@@ -156,8 +156,8 @@ def _group_poses(
 ) -> tuple[Poses, Bools]:
     """Return rig_from_group of every group, and (C, G) which cameras contradict the pose of each group.
 
-    The pose is that of the camera with most agreeing pairs, and of those that of the first camera, so that of two
-    cameras that contradict each other it is always the same one whose view counts as wrong.
+    The pose is that of the camera with most agreeing pairs, and of those that of the first camera. Of two
+    cameras that contradict each other, the view of the same one therefore always counts as wrong.
     """
     agreeing = np.zeros((len(sightings), len(sightings), count), bool)
     for (a, b), pair in pairs.items():

@@ -125,7 +125,7 @@ def estimate_motion(found: list[Deviations], problem: RigBundle, state: RigState
     typical = chdtri(COMPONENTS, 0.5)
     rotation = np.median(turn / factor) / typical - np.median(turn_noise / factor) / COMPONENTS
     translation = np.median(shift / factor) / typical - np.median(shift_noise / factor) / COMPONENTS
-    # At least a hundredth of the noise, so that the inverse is finite.
+    # At least a hundredth of the noise: the inverse must be finite.
     least = 1e-2 * np.median(turn_noise) / COMPONENTS, 1e-2 * np.median(shift_noise) / COMPONENTS
     return BoardMotion(float(np.sqrt(max(rotation, least[0]))), float(np.sqrt(max(translation, least[1]))))
 

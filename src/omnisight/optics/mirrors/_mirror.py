@@ -53,7 +53,7 @@ class Mirror(Parameterized):
 
     @property
     def convex(self) -> bool:
-        """Whether the body behind the surface is convex, so that a reflected ray never meets the mirror again."""
+        """Whether the body behind the surface is convex: a reflected ray then never meets the mirror again."""
         return bool(self.curvature_bounds[0] >= 0)
 
     @classmethod

@@ -75,7 +75,7 @@ class Batch(Displayed):
     def run(self, task: Task, items: Sequence[Item], source: str) -> BatchResult:
         """Process files, and write the results to the folder.
 
-        Shards of items are processed by workers. Each stores a record of the shard after its outputs, so that a run
+        Shards of items are processed by workers. Each stores a record of the shard after its outputs, so a run
         that was killed continues where it stopped. Items whose files have changed since are processed again.
 
         Parameters
@@ -127,7 +127,7 @@ class Batch(Displayed):
     def _reporter(self, pool: LocalProcesses | DaskCluster, done: int, total: int) -> Callable[[int], None]:
         """Return a function that adds to the number of items done, and reports it with the workers and their dashboard.
 
-        Items that are done before are reported first, so that they do not count for the speed.
+        Items that are done before are reported first, and therefore do not count for the speed.
         """
         stage = f"images, {pool.workers} workers" + (f", {pool.link}" if pool.link else "")
 

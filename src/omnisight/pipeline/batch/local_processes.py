@@ -34,7 +34,7 @@ class LocalProcesses:
     ) -> Generator[ShardRecord]:
         """Yield the record work(*arguments, shard) of each shard as it finishes.
 
-        The death of a process ends all of them. Each shard that was running is then processed alone, so that the shard
+        The death of a process ends all of them. Each shard that was running is then processed alone: the shard
         that is the cause becomes known and the others are not lost with it.
         """
         waiting, suspects, attempts = list(reversed(shards)), list[Shard](), Counter[int]()
@@ -81,6 +81,6 @@ def _run(shard: Shard) -> ShardRecord:
 
 
 def lost(shard: Shard) -> ShardRecord:
-    """Return the record of a shard whose workers died; it is not stored, so that a later run tries again."""
+    """Return the record of a shard whose workers died; it is not stored, and a later run tries again."""
     reason = LOST.format(MAX_ATTEMPTS)
     return ShardRecord(shard.index, {}, {item.name: reason for item in shard.items})

@@ -10,7 +10,7 @@ from omnisight.pipeline.batch.task import Item
 
 # The scheduler takes about 1 ms for a task: 1 % of the time of a shard of images of 1 MP.
 MAX_SHARD_SIZE = 100
-# Shards for each worker, so that all finish at about the same time.
+# Shards for each worker: with several, all workers finish at about the same time.
 SHARDS_PER_WORKER = 4
 
 

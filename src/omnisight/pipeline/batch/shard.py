@@ -19,7 +19,7 @@ def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord
     """Process the items of a shard, write their outputs, and then the record of those that are finished.
 
     A shard may be repeated: it writes the same bytes. Items that cannot be used are finished, and listed as failed;
-    those that cannot be read, because of the network or credentials, are not finished, so that the next run tries
+    those that cannot be read, because of the network or credentials, are not finished, and the next run tries them
     again.
 
     Raises

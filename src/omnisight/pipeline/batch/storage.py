@@ -47,7 +47,7 @@ def list_images(url: str, output: str) -> dict[str, str]:
         If there is none, the files cannot be listed, or the output folder is among them.
     """
     if is_below(output, url):
-        raise ValueError(f"{output}: is in the folder of the images, so that outputs would be read as images next time")
+        raise ValueError(f"{output}: is in the folder of the images: outputs would be read as images next time")
     files, path = _filesystem(url)
     try:
         if "*" in path or "?" in path:

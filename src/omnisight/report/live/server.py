@@ -48,7 +48,7 @@ class LivePage:
     """A page that shows the newest image and figures of a running command.
 
     It is served on this computer only, at a free port, and loads nothing from the network. Requests for another host
-    are refused, so that no page of the network can read the images through a name that points here.
+    are refused: no page of the network can read the images through a name that points here.
     """
 
     def __init__(self, title: str) -> None:

@@ -16,9 +16,9 @@ from omnisight.report.section import Guide, Section
 
 Array = NDArray[np.float64]
 
-# The color scale ends at this multiple of the largest calibrated value, so that extrapolation does not dominate it.
+# The color scale ends at this multiple of the largest calibrated value: extrapolation must not dominate it.
 MAX_EXTRAPOLATED_RATIO = 2.0
-# Cells overlap their outer neighbours by this fraction of a cell, so that no gap is visible between them.
+# Cells overlap their outer neighbours by this fraction of a cell to leave no visible gap between them.
 CELL_OVERLAP = 0.03
 
 

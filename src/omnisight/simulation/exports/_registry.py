@@ -11,7 +11,7 @@ from omnisight.images import write_bytes
 from omnisight.simulation.exports._protocol import SequenceExport, SimulatedSequence
 
 PACKAGE = "omnisight.simulation.exports"
-# Lists the files, so that they can be removed with the data set.
+# Lists the files, to remove them with the data set.
 MANIFEST = "exports.txt"
 
 

@@ -1,4 +1,4 @@
-"""Objects of a town, each built once at the origin and placed many times, so that the textures are shared."""
+"""Objects of a town, each built once at the origin and placed many times with shared textures."""
 
 import numpy as np
 

@@ -56,7 +56,7 @@ def _ground(rng: Rng) -> list[Solid]:
     solids = [flat("road", -KERB, KERB, GROUND, Texture(outdoors.road(rng, 2 * KERB, long)))]
     for side in (-1, 1):
         x0, x1 = sorted((side * KERB, side * WALL))
-        # The slabs are 0.5 m long, so that a joint hides where the texture repeats.
+        # The slabs are 0.5 m long: a joint hides where the texture repeats.
         slabs = Texture(materials.paving(rng, x1 - x0, long / 9, 0.5, DENSITY, (164, 160, 152)), (1, 9))
         solids.append(flat(f"pavement {side}", x0, x1, GROUND - 0.12, slabs))
         kerb = sorted((side * KERB, side * (KERB + 0.12)))

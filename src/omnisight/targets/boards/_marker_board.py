@@ -61,7 +61,7 @@ class BoardVariant(NamedTuple):
 
 @dataclass(frozen=True)
 class MarkerBoard(Board):
-    """A board whose points are identified by markers around them, so that part of it is enough.
+    """A board whose points are identified by markers around them; a visible part of it is enough.
 
     Attributes
     ----------

@@ -68,7 +68,7 @@ class Checkerboard(Board):
 
     @property
     def is_symmetric(self) -> bool:
-        """Whether the board looks the same upside-down, so that either of two corners may be its origin."""
+        """Whether the board looks the same upside-down: either of two corners may then be its origin."""
         return (self.columns + self.rows) % 2 == 0
 
     @property

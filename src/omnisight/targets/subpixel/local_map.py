@@ -59,7 +59,7 @@ def local_map(
     pitch : float
         Distance between anchors on the board, about.
     leave_out : bool
-        Leave an anchor out of the map at its own place, so that the others predict it.
+        Leave an anchor out of the map at its own position, where the others then predict it.
     """
     from scipy.spatial import KDTree  # imported on use: scipy is slow to import
 
@@ -79,7 +79,7 @@ def local_map(
     variance = normal[:, 1:3, 1:3] - normal[:, 1:3, :1] * normal[:, :1, 1:3]
     determined = np.linalg.eigvalsh(variance)[:, 0] > MIN_ANCHOR_VARIANCE
     normal += np.diag([1e-9, 1e-9, 1e-9, CURVATURE_PRIOR, CURVATURE_PRIOR, CURVATURE_PRIOR])
-    # Centred, so that the prior does not depend on the image's origin.
+    # Centred: the prior must not depend on the image's origin.
     anchors = pixels[nearest]
     mean = (weight[..., None] * anchors).sum(axis=1)
     terms = np.linalg.solve(normal, np.swapaxes(weighted, 1, 2) @ (anchors - mean[:, None]))
