@@ -29,7 +29,7 @@ Indices = NDArray[np.intp]
 # Called with the number of frames in a map.
 Watch = Callable[[int], None]
 
-# Residuals of inliers in standard deviations. The noise is measured on inliers, so that lower thresholds shrink it.
+# Residuals of inliers in standard deviations. The noise is measured on inliers: lower thresholds shrink it.
 MAX_RESIDUAL_SIGMA = 5.0
 # Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
 # that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
@@ -44,10 +44,10 @@ MIN_COMMON_POINTS = 5
 MIN_PARALLAX_RAD = float(np.radians(0.5))
 # Standard deviation of the residuals of the averaged poses in units of that of the keypoints.
 INITIAL_SCALE = 10.0
-# Rounds of triangulation and bundle adjustment; they end when the noise changes by less than this share.
+# Rounds of triangulation and bundle adjustment; the last one changes the noise by less than this share.
 MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
-# Tolerance of the bundle adjustments before the last one: tracks and noise change no more. With 1e-4, images 2 to 5 m
-# apart had errors of positions of 0.013 % instead of 0.006 %.
+# Tolerance of the bundle adjustments before the last one. With 1e-4, positions of images 2 to 5 m apart had errors of
+# 0.013 % instead of 0.006 %.
 ROUGH_TOLERANCE = 1e-5
 TRACKS_PER_TASK = 1024
 
@@ -316,11 +316,8 @@ def _with_points(current: Map, tracks: Tracks) -> Map:
     world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
     limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
     points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
-    parallel_for(
-        lambda first, last: triangulate_tracks(*world_rays, *limits, first, last, points, inliers),
-        len(tracks),
-        TRACKS_PER_TASK,
-    )
+    arguments = *world_rays, *limits
+    parallel_for(lambda a, b: triangulate_tracks(*arguments, a, b, points, inliers), len(tracks), TRACKS_PER_TASK)
     agreeing, kept = tracks.select(inliers)
     return replace(current, points=points[kept], tracks=agreeing)
 

@@ -10,7 +10,8 @@ from omnisight.report.notebook._summary import WIDE_PX, photo_url, summary
 def html(comparison: CameraComparison) -> str:
     """Return the verdict, the difference and its maps."""
     c = comparison
-    expected = f"{c.expected_rms:.3g} px" if np.isfinite(c.expected_rms) else "unknown: the cameras have no covariance"
+    sigma = c.test.expected_rms
+    expected = f"{sigma:.3g} px" if np.isfinite(sigma) else "unknown: the cameras have no covariance"
     figures = {
         "cameras": ", ".join(c.names),
         "difference": f"{c.rms:.3g} px rms after the best rotation",
