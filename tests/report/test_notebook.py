@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from omnisight.views.stitching.stitcher import SeamQuality
+from omnisight.views.stitching.seam_plan import SeamQuality
 
 import omnisight as om
 from notebook_html import assert_html
