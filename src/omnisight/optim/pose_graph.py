@@ -20,9 +20,9 @@ SIZE = 7
 # Scale of the Geman-McClure loss, standard deviations: the length that residuals of 7 dimensions exceed with a
 # probability of 1e-4. Edges of longer residuals are wrong.
 SCALE = 5.4
-# Factor by which the scale of the loss decreases. The loss is convex up to 1/sqrt(3) of its scale, so that it starts at
-# twice the largest residual.
-FACTOR, CONVEX = 0.5, 2.0
+# The scale of the loss relative to the largest residual at the start, and to the scale before: the loss is convex up to
+# 1/sqrt(3) of its scale.
+FIRST_SCALE_RATIO, SCALE_RATIO = 2.0, 0.5
 # Steps at the last scale and at each scale before, and expected relative decrease of the cost at which they end.
 ITERATIONS, ITERATIONS_BEFORE, TOLERANCE = 30, 4, 1e-8
 
@@ -240,14 +240,14 @@ def optimize_pose_graph(edges: RelativeEdges, start: Similarities, *, has_scale:
     graph = PoseGraph(edges, has_scale)
     lengths = np.linalg.norm(graph.residuals(start), axis=1)
     largest = float(lengths[edges.may_be_wrong].max(initial=0.0))
-    scale, nodes = max(CONVEX * largest, SCALE), start
+    scale, nodes = max(FIRST_SCALE_RATIO * largest, SCALE), start
     while True:
         graph = PoseGraph(edges, has_scale, scale)
         iterations = ITERATIONS if scale <= SCALE else ITERATIONS_BEFORE
         nodes = minimize(graph, nodes, iterations=iterations, tolerance=TOLERANCE).state
         if scale <= SCALE:
             break
-        scale = max(scale * FACTOR, SCALE)
+        scale = max(scale * SCALE_RATIO, SCALE)
     lengths = np.linalg.norm(graph.residuals(nodes), axis=1)
     return OptimizedGraph(nodes, ~edges.may_be_wrong | (lengths < SCALE), lengths)
 
