@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-from omnisight.views.stitching.seam_plan import SeamQuality
 
 import omnisight as om
 from notebook_html import assert_html
@@ -12,6 +11,7 @@ from omnisight.pipeline.photo import Photo
 from omnisight.pipeline.stereo import RigCheck
 from omnisight.targets.detections import ImageDetection
 from omnisight.twoview.dense_stereo import DenseStereo
+from omnisight.views.stitching.seam_plan import SeamQuality
 
 LENS = model_class("kannala_brandt")(200.0, 199.0, 321.0, 242.0, 0.02, -0.01, 0.003, -0.001)
 CAMERA = om.Camera(LENS, (640, 480), theta_max=1.2, covariance=1e-4 * np.eye(8))
