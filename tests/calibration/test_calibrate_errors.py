@@ -76,13 +76,13 @@ def test_unknown_model_is_an_error_that_lists_the_known_ones():
 
 
 def test_unknown_loss_is_an_error():
-    with pytest.raises(ValueError, match="loss must be 'huber' or 'squared', got 'cauchy'"):
+    with pytest.raises(ValueError, match="--loss: unknown choice 'cauchy'; there are: huber, squared"):
         calibrate_first_views(8, model="equisolid", loss="cauchy")
 
 
 @pytest.mark.parametrize("options", [{"fix": ("skwe",)}, {"free": ("skwe",)}])
 def test_unknown_parameter_is_an_error_that_lists_the_known_ones(options):
-    with pytest.raises(ValueError, match="has a parameter skwe; there are: fx, fy, cx, cy, xi, skew"):
+    with pytest.raises(ValueError, match=r"has a parameter skwe \(did you mean skew\?\); there are: fx, fy, cx, cy, xi, skew"):
         calibrate_first_views(8, model="unified", **options)
 
 

@@ -46,15 +46,7 @@ class ResidualWeights(Displayed):
 
     @classmethod
     def estimate(cls, state: State, observations: Observations, loss: Loss = "huber") -> Self:
-        """Estimate the weights from the residuals at a state; the loss "squared" weighs all corners alike.
-
-        Raises
-        ------
-        ValueError
-            If the loss is neither "huber" nor "squared".
-        """
-        if loss not in ("huber", "squared"):
-            raise ValueError(f"loss must be 'huber' or 'squared', got {loss!r}")
+        """Estimate the weights from the residuals at a state; the loss "squared" weighs all corners alike."""
         residuals = state.residuals(observations)
         if loss == "squared" or not observations.covariance.any():
             whitening = identity_whitening(len(residuals))
