@@ -112,7 +112,7 @@ class FrameStitcher:
 
     def _falloff(self, camera: int, u: Floats, v: Floats) -> Floats:
         sampler = self._plan.samplers[camera]
-        radius = np.minimum(sampler.relative_radius(np.nan_to_num(np.stack([u, v], -1))), 1.0)
+        radius = sampler.relative_radius(np.nan_to_num(np.stack([u, v], -1)))
         return self._plan.photometry.falloff(radius)
 
     def _single_camera(self) -> NDArray[np.uint8]:

@@ -36,7 +36,7 @@ class ImageStitcher:
         for k, sampler in enumerate(plan.samplers):
             u, v, mask = sampler.map(bearings)
             seen.append(mask)
-            factor = plan.photometry.factor(k, np.minimum(sampler.relative_radius(np.stack([u, v], -1)), 1.0))
+            factor = plan.photometry.factor(k, sampler.relative_radius(np.stack([u, v], -1)))
             is_small = float(np.abs(factor - 1).max()) < MIN_CORRECTION
             self._factors.append(None if is_small else factor)
             self._maps.append(_ImageMap(sampler.camera, u, v, mask))

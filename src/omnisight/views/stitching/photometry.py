@@ -63,9 +63,12 @@ class Photometry:
         return self.falloff(radius)[..., None] * gain
 
     def falloff(self, radius: Array) -> NDArray[np.float32]:
-        """Return the factor (...) of displayed colours that corrects the vignetting at relative radii (...)."""
+        """Return the factor (...) of displayed colours that corrects the vignetting at relative radii (...).
+
+        Beyond the edge of the image circle, at 1, it is that of the edge.
+        """
         # Horner's scheme in the squared radius is a tenth of the time of powers.
-        square = np.square(radius, dtype=np.float32)
+        square = np.square(np.minimum(radius, 1.0), dtype=np.float32)
         a, b, c = (np.float32(-each / DISPLAY_GAMMA) for each in self.vignetting)
         return np.exp(square * (a + square * (b + square * square * c)))
 

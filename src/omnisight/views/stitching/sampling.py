@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 OUTSIDE_PX = -9999.0
 # Rows of directions held in double precision at a time.
 CHUNK_ROWS = 64
-# Step between the pixels of which the farthest from the principal point is searched.
+# Step between the pixels among which the farthest from the principal point is searched.
 RADIUS_STEP_PX = 8
 
 

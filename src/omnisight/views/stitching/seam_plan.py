@@ -144,7 +144,7 @@ def _corrected_layer(
 
     u, v, seen = sampler.map(bearings)
     layer = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    factor = photometry.factor(camera, np.minimum(sampler.relative_radius(np.stack([u, v], -1)), 1.0))
+    factor = photometry.factor(camera, sampler.relative_radius(np.stack([u, v], -1)))
     return np.asarray(cv2.multiply(layer, factor, dtype=cv2.CV_8U), np.uint8), seen
 
 
