@@ -12,7 +12,7 @@ from omnisight.sfm.mapping import Map
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Rounds of the geometric median of poses: with three samples, of which one is wrong, its error falls below their noise.
+# Rounds of the geometric median of poses: with one wrong sample of three, its error falls below their noise.
 ROUNDS = 100
 # Distance, radians or units of the map, within which a sample is at the median.
 SAME_SAMPLE = 1e-12

@@ -303,7 +303,7 @@ def _triangulated(current: Map, tracks: Tracks) -> Map:
 
 
 def _with_points(current: Map, tracks: Tracks) -> Map:
-    """Return the map with the points of tracks, of which the observations that agree with its poses are kept."""
+    """Return the map with the points of tracks, and the observations that agree with its poses."""
     from omnisight.sfm._track_kernel import triangulate_tracks
 
     images, which = current.images, current.images.keypoints(tracks)
