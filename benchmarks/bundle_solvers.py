@@ -23,7 +23,8 @@ MAX_ITERATIONS, TOLERANCE = 100, 1e-7
 def omnisight(problem: Any) -> tuple[Array, Array]:
     """Return poses (F, 3, 4) and points (P, 3) of omnisight's bundle adjustment."""
     from omnisight.optim.loss import StudentT
-    from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+    from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
+    from omnisight.sfm.structure import RayObservations, Structure
 
     rotations, count = problem["rotations"], len(problem["frame"])
     poses = np.concatenate([rotations, -rotations @ problem["centers"][:, :, None]], axis=2)

@@ -5,6 +5,7 @@ from scipy.sparse import csr_array
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
+from omnisight.optim.conjugate_gradients import conjugate_gradients
 from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
 
 # Groups, how far apart those of a row are, and share of the rows that connect distant groups.
@@ -44,6 +45,24 @@ def matrices(request):
     return problem(*PROBLEMS[request.param])
 
 
+@pytest.mark.parametrize("preconditioner", ["none", "diagonal", "exact"])
+def test_conjugate_gradients_solve_the_system(matrices, preconditioner):
+    matrix, dense = matrices
+    inverse = {"none": np.eye(len(dense)), "diagonal": np.diag(1 / np.diag(dense)), "exact": np.linalg.inv(dense)}
+    calls, right = list[int](), np.random.default_rng(0).normal(size=len(dense))
+
+    def precondition(residual: np.ndarray) -> np.ndarray:
+        calls.append(len(residual))
+        return inverse[preconditioner] @ residual
+
+    found, expected = conjugate_gradients(matrix, precondition, right), np.linalg.solve(dense, right)
+    error = found - expected
+    assert error @ dense @ error <= 1e-8 * (expected @ dense @ expected)
+    if preconditioner == "exact":
+        assert len(calls) <= 2
+    np.testing.assert_array_equal(right, np.random.default_rng(0).normal(size=len(dense)))
+
+
 def factor_of(matrix: BlockMatrix) -> MultifrontalFactor:
     return MultifrontalFactor.of(matrix, fronts_of(matrix.pattern))
 
@@ -56,6 +75,7 @@ def test_blocks_hold_the_matrix(matrices):
     np.testing.assert_array_equal(matrix.square(columns), expected)
     scale = np.random.default_rng(0).uniform(1, 2, len(dense))
     np.testing.assert_allclose(matrix.scaled(scale).toarray(), scale[:, None] * dense * scale)
+    np.testing.assert_allclose(matrix @ scale, dense @ scale, rtol=1e-12, atol=1e-12)
 
 
 def test_the_factor_solves_the_system(matrices):

@@ -12,12 +12,13 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optim.loss import StudentT
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
 from omnisight.sfm.calibration_check import focal_length_changes, scaling_basis
 from omnisight.sfm.mapping import map_images
 from omnisight.sfm.pixel_rays import FreeCameras, PixelRays
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.view_graph import match_pairs
 from omnisight.twoview.triangulation import whitening
 from sfm.worlds import circle_of_poses, observe, points_around, similarity_errors, unit

@@ -3,12 +3,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.optimize import minimize as scipy_minimize
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
 from omnisight.optim.loss import StudentT
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
 from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.twoview.triangulation import whitening
 from sfm.worlds import circle_of_poses, observe, points_around
 
@@ -58,6 +60,26 @@ def test_derivatives_agree_with_central_differences(refines_sensors):
         analytic = np.einsum("mkl,ml->mk", linearized.by_camera, cameras[linearized.cameras.columns])
         analytic += np.einsum("mkc,mc->mk", linearized.by_point, moves[linearized.point])
         np.testing.assert_allclose(analytic, numeric, rtol=1e-5, atol=1e-5 * np.abs(numeric).max())
+
+
+@pytest.mark.parametrize("degrees", [2.0, 1e9])
+def test_refined_points_have_the_least_cost_for_their_cameras(degrees):
+    """Compare with Nelder-Mead on the cost of each point, which knows neither derivatives nor weights."""
+    truth, rays = problem(count=8)
+    bundle = Bundle(rays, StudentT(degrees), truth)
+    moved = truth.points + np.random.default_rng(3).normal(size=truth.points.shape, scale=0.05)
+    refined = bundle.with_refined_points(replace(truth, points=moved))
+    np.testing.assert_array_equal(refined.rig_from_world, truth.rig_from_world)
+    for p, point in enumerate(refined.points):
+        of_point = rays[rays.point == p]
+
+        def cost(x, of_point=of_point):
+            alone = replace(of_point, point=np.zeros(len(of_point), np.intp))
+            return bundle.loss.cost(replace(truth, points=x[None]).squared_residuals(alone))
+
+        best = scipy_minimize(cost, point, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12})
+        assert cost(point) <= best.fun + 1e-5 * max(best.fun, 1e-3)
+        assert cost(point) < cost(moved[p])
 
 
 def test_a_step_solves_the_normal_equations():

@@ -7,7 +7,8 @@ import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure
+from omnisight.sfm.bundle_adjustment import Bundle
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.visual_odometry.marginalization import PosePrior, gauge_prior, marginalize_first
 from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 

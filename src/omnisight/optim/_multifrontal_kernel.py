@@ -57,6 +57,24 @@ def extend_add(front, update, index):
 
 
 @njit_driver
+def multiply_blocks(values, offsets, row, column, starts, x, product):
+    """Add the product with a vector x (C,) to `product` (C,), in place."""
+    for k in range(len(row)):
+        address, is_diagonal = offsets[k], row[k] == column[k]
+        first, last = starts[column[k]], starts[column[k] + 1]
+        for i in range(starts[row[k]], starts[row[k] + 1]):
+            total = 0.0
+            for j in range(first, i if is_diagonal else last):
+                value = values[address + j - first]
+                total += value * x[j]
+                product[j] += value * x[i]
+            if is_diagonal:
+                total += values[address + i - first] * x[i]
+            product[i] += total
+            address += last - first
+
+
+@njit_driver
 def scale_blocks(values, offsets, row, column, starts, scale):
     """Multiply the rows and columns of all blocks by a scale (C,), in place."""
     for k in range(len(row)):

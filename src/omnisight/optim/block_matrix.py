@@ -136,6 +136,14 @@ class BlockMatrix:
         """Return the matrix (C, C), with zeros outside of the pattern."""
         return self.square(np.arange(self.pattern.size))
 
+    def __matmul__(self, x: Array) -> Array:
+        """Return the product (C,) with a vector (C,); blocks outside of the pattern are zero."""
+        from omnisight.optim._multifrontal_kernel import multiply_blocks
+
+        pattern, product = self.pattern, np.zeros(len(x))
+        multiply_blocks(self.values, pattern.offsets, pattern.row, pattern.column, pattern.starts, x, product)
+        return product
+
     def scaled(self, scale: Array) -> "BlockMatrix":
         """Return the matrix with rows and columns multiplied by a scale (C,)."""
         from omnisight.optim._multifrontal_kernel import scale_blocks

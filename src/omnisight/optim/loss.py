@@ -13,6 +13,8 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 # Degrees of freedom among which those of residuals are selected, and rounds for the scale of each.
 DEGREES_OF_FREEDOM = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e9)
 SCALE_ROUNDS = 20
+# Square of a residual over that of the scale, beyond which the cost is constant.
+MAX_SQUARE = 1e4
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class StudentT:
 
     def cost(self, squares: Array) -> float:
         """Return the cost of squared lengths (N,); an infinite one costs as much as a hundred times the scale."""
-        normalized = np.minimum(squares / self.sigma**2, 1e4) / self.degrees
+        normalized = np.minimum(squares / self.sigma**2, MAX_SQUARE) / self.degrees
         return float(0.5 * (self.degrees + 2) * np.log1p(normalized).sum())
 
     def weight(self, squares: Array) -> Array:

@@ -14,23 +14,11 @@ import numpy as np
 
 from omnisight.compiled import STREAMLINED, njit_driver, njit_helper
 from omnisight.optim._multifrontal_kernel import block_offset
-from omnisight.twoview._small_vectors_kernel import cross, dot, times, transposed_times
+from omnisight.sfm._point_kernel import damped_inverse, information_of_point, point_direction
+from omnisight.twoview._small_vectors_kernel import cross, dot, transposed_times
 
 # Derivatives by a pose.
 POSE = 6
-
-
-@njit_helper
-def _direction(frame_pose, sensor_pose, point, origin):
-    """Return R_f X, R_s x_rig, the direction of the point from the origin of the ray, and the inverse distance."""
-    a = times(frame_pose, point)
-    q = a[0] + frame_pose[0, 3], a[1] + frame_pose[1, 3], a[2] + frame_pose[2, 3]
-    b = times(sensor_pose, q)
-    x = b[0] + sensor_pose[0, 3] - origin[0]
-    y = b[1] + sensor_pose[1, 3] - origin[1]
-    z = b[2] + sensor_pose[2, 3] - origin[2]
-    inverse = 1.0 / max(np.sqrt(x * x + y * y + z * z), 1e-300)
-    return a, b, (x * inverse, y * inverse, z * inverse), inverse
 
 
 @njit_driver
@@ -39,7 +27,7 @@ def squared_lengths(
 ):
     """Fill the squared lengths (M,) of whitened residuals first ... last; inf for points behind their rays."""
     for i in range(first, last):
-        _, _, u, _ = _direction(frame_poses[frame[i]], sensor_poses[sensor[i]], points[point[i]], origins[i])
+        _, _, u, _ = point_direction(frame_poses[frame[i]], sensor_poses[sensor[i]], points[point[i]], origins[i])
         squares[i] = np.inf if dot(u, bearings[i]) <= 0.0 else dot(axes[i, 0], u) ** 2 + dot(axes[i, 1], u) ** 2
 
 
@@ -68,7 +56,7 @@ def linearize(
     sensors_are_free = by_camera.shape[2] >= 2 * POSE
     for i in range(first, last):
         frame_pose, sensor_pose = frame_poses[frame[i]], sensor_poses[sensor[i]]
-        a, b, u, inverse = _direction(frame_pose, sensor_pose, points[point[i]], origins[i])
+        a, b, u, inverse = point_direction(frame_pose, sensor_pose, points[point[i]], origins[i])
         root = np.sqrt(weights[i])
         for k in range(2):
             row = axes[i, k]
@@ -92,26 +80,7 @@ def linearize(
 @njit_helper
 def _inverse_of_point(by_point, residuals, first, last, damping, inverse, gradient):
     """Fill the inverse (3, 3) of the damped information of a point, and its gradient (3,)."""
-    a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    gradient[:] = 0.0
-    for i in range(first, last):
-        for k in range(2):
-            x, y, z = by_point[i, k, 0], by_point[i, k, 1], by_point[i, k, 2]
-            a, b, c, d, e, f = a + x * x, b + x * y, c + x * z, d + y * y, e + y * z, f + z * z
-            gradient[0] += x * residuals[i, k]
-            gradient[1] += y * residuals[i, k]
-            gradient[2] += z * residuals[i, k]
-    if not a + d + f > 0.0:  # all its rays are outliers: it keeps its place
-        inverse[:] = 0.0
-        return
-    least = 1e-12 * (a + d + f)
-    a, d, f = a * (1.0 + damping) + least, d * (1.0 + damping) + least, f * (1.0 + damping) + least
-    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
-    factor = 1.0 / (a * p + b * q + c * r)
-    inverse[0, 0], inverse[0, 1], inverse[0, 2] = factor * p, factor * q, factor * r
-    inverse[1, 1], inverse[1, 2] = factor * (a * f - c * c), factor * (b * c - a * e)
-    inverse[2, 2] = factor * (a * d - b * b)
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
+    damped_inverse(information_of_point(by_point, residuals, first, last, gradient), damping, inverse)
 
 
 @njit_helper

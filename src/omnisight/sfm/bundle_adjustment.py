@@ -1,7 +1,7 @@
 """Bundle adjustment of frames, sensors and points seen by any cameras."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,9 +13,11 @@ from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
-from omnisight.sfm.linearized_bundle import CameraColumns, LinearizedBundle, Prior
+from omnisight.sfm.common_points import common_points, divided_points, nearest_frames
+from omnisight.sfm.linearized_bundle import POINTS_PER_TASK, CameraColumns, DividedPoints, LinearizedBundle, Prior
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.pixel_rays import PixelRays
+from omnisight.sfm.structure import RAYS_PER_TASK, RayObservations, Structure
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -28,77 +30,10 @@ POSE = 6
 # Columns of the cameras up to which their matrix is one block: it is factored in a few milliseconds, and needs no order
 # of elimination.
 MAX_DENSE_COLUMNS = 600
-# Observations per task of a thread.
-RAYS_PER_TASK = 16384
-
-
-@dataclass(frozen=True, eq=False)
-class RayObservations:
-    """Observed rays of points, sorted by point.
-
-    Attributes
-    ----------
-    frame, sensor, point
-        (M,) indices.
-    origins, bearings
-        (M, 3) of the rays, in the frames of the sensors.
-    axes
-        (M, 2, 3) tangents along which bearings have unit variance and no correlation.
-    """
-
-    frame: Indices
-    sensor: Indices
-    point: Indices
-    origins: Array
-    bearings: Array
-    axes: Array
-
-    def __len__(self) -> int:
-        """Return the number of observations."""
-        return len(self.point)
-
-    def __getitem__(self, use: NDArray[np.bool_] | Indices) -> "RayObservations":
-        """Return the observations of a mask or of indices, which must stay sorted by point."""
-        return RayObservations(
-            self.frame[use], self.sensor[use], self.point[use], self.origins[use], self.bearings[use], self.axes[use]
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Structure:
-    """Poses and points.
-
-    Attributes
-    ----------
-    rig_from_world
-        (F, 3, 4) poses of the frames.
-    sensor_from_rig
-        (S, 3, 4) poses of the sensors.
-    points
-        (P, 3) in the world frame.
-    values
-        (Q,) of free cameras, see `FreeCameras`; none if the cameras are fixed.
-    """
-
-    rig_from_world: Array
-    sensor_from_rig: Array
-    points: Array
-    values: Array = field(default_factory=lambda: np.zeros(0))
-
-    def squared_residuals(self, rays: RayObservations) -> Array:
-        """Return the squared lengths (M,) of the whitened residuals; inf for points behind their rays."""
-        from omnisight.sfm._bundle_kernel import squared_lengths
-
-        squares, indices = np.empty(len(rays)), (rays.frame, rays.sensor, rays.point)
-        poses = self.rig_from_world, self.sensor_from_rig
-        parallel_for(
-            lambda first, last: squared_lengths(
-                *poses, self.points, *indices, rays.origins, rays.bearings, rays.axes, first, last, squares
-            ),
-            len(rays),
-            RAYS_PER_TASK,
-        )
-        return squares
+# Columns of the cameras up to which their matrix is factored. Beyond, the preconditioner of conjugate gradients
+# connects each frame with those that it has most points in common with. A step of 3000 frames of a town took 67
+# iterations with 30 of them, 17 with 60, and 11 with 100, whose factorization takes twice the arithmetic.
+MAX_FACTORED_COLUMNS, NEAREST_FRAMES = 6000, 60
 
 
 @dataclass(frozen=True)
@@ -177,20 +112,36 @@ class Bundle:
         columns, groups = zip(*parts, strict=True)
         firsts = np.cumsum([0, *(of_part.shape[1] for of_part in columns)])
         of_rays = np.column_stack(groups)
-        pattern = BlockPattern.dense(count) if count <= MAX_DENSE_COLUMNS else self._pattern(sizes[sizes > 0], of_rays)
+        starts = np.concatenate([[0], np.cumsum(sizes[sizes > 0])])
+        is_dense = count <= MAX_DENSE_COLUMNS
+        pattern = BlockPattern.dense(count) if is_dense else self._pattern(starts, of_rays, self.rays.point)
         return CameraColumns(
             np.concatenate(columns, axis=1).astype(np.int32), of_rays.astype(np.int32), firsts, pattern
         )
 
-    def _pattern(self, sizes: Indices, groups: Indices) -> BlockPattern:
-        """Return the pattern of groups of columns of these sizes, given the groups (M, K) of each observation."""
-        starts = np.concatenate([[0], np.cumsum(sizes)])
+    @cached_property
+    def divided(self) -> DividedPoints | None:
+        """The points of the preconditioner; None if the matrix of the cameras is factored."""
+        if self.parameters[2] <= MAX_FACTORED_COLUMNS:
+            return None
+        frame, cameras = self.rays.frame, self.cameras
+        is_near = nearest_frames(common_points(frame, self.rays.point), NEAREST_FRAMES)
+        part = divided_points(frame, self.rays.point, is_near)
+        order = np.argsort(part, kind="stable")
+        use = order[np.bincount(part)[part[order]] > 1]
+        point = np.unique(part[use], return_inverse=True)[1]
+        starts, groups = np.searchsorted(point, np.arange(int(point.max(initial=-1)) + 2)), cameras.groups[use]
+        pattern = self._pattern(cameras.pattern.starts, groups, point)
+        return DividedPoints(use, starts, point, CameraColumns(cameras.columns[use], groups, cameras.parts, pattern))
+
+    def _pattern(self, starts: Indices, groups: NDArray[np.integer], point: Indices) -> BlockPattern:
+        """Return the pattern of groups with these first columns; observations have groups (M, K) and points (M,)."""
         residuals, derivatives = self._prior(self.start)
-        prior, points = derivatives.tocoo(), len(self.start.points)
-        of_rays, is_free = np.broadcast_to(self.rays.point[:, None], groups.shape), groups >= 0
+        prior, points = derivatives.tocoo(), int(point.max(initial=-1)) + 1
+        of_rays, is_free = np.broadcast_to(point[:, None], groups.shape), groups >= 0
         of_prior = np.searchsorted(starts, prior.col, side="right") - 1
         ends = np.append(of_rays[is_free], points + prior.row), np.append(groups[is_free], of_prior)
-        shape = points + len(residuals), len(sizes)
+        shape = points + len(residuals), len(starts) - 1
         return BlockPattern.of_incidence(starts, csr_array(coo_array((np.ones(len(ends[0]), bool), ends), shape)))
 
     def rays_at(self, state: Structure) -> tuple[RayObservations, Array]:
@@ -229,7 +180,7 @@ class Bundle:
         if by_values.shape[2]:
             by_pose = np.concatenate([by_pose, np.sqrt(weights)[:, None, None] * by_values], axis=2)
         return LinearizedBundle(
-            self.starts, rays.point, self.cameras, residuals, by_pose, by_point, prior=self._prior(state)
+            self.starts, rays.point, self.cameras, residuals, by_pose, by_point, self._prior(state), self.divided
         )
 
     def _prior(self, state: Structure) -> Prior:
@@ -283,16 +234,55 @@ class Bundle:
             state.values + cameras[count - len(state.values) : count],
         )
 
+    def with_refined_points(self, state: Structure) -> Structure:
+        """Return the structure with the points of least cost for its cameras."""
+        from omnisight.sfm._point_kernel import refine_points
+
+        rays, points = self.rays_at(state)[0], state.points.copy()
+        poses, indices = (state.rig_from_world, state.sensor_from_rig), (self.starts, rays.frame, rays.sensor)
+        of_loss, most = (self.loss.degrees, self.loss.sigma**2), int(np.diff(self.starts).max(initial=0))
+
+        def work(first: int, last: int) -> None:
+            memory = np.empty((most, 2)), np.empty((most, 2, 3))
+            measured = rays.origins, rays.bearings, rays.axes
+            refine_points(*poses, *indices, *measured, *of_loss, first, last, *memory, points)
+
+        parallel_for(work, len(points), POINTS_PER_TASK)
+        return replace(state, points=points)
+
+
+@dataclass(frozen=True)
+class _RefinedPoints:
+    """The least-squares problem whose points are those of least cost wherever its cameras move."""
+
+    bundle: Bundle
+
+    def cost(self, state: Structure) -> float:
+        return self.bundle.cost(state)
+
+    def linearize(self, state: Structure) -> LinearizedBundle:
+        return self.bundle.linearize(state)
+
+    def move(self, state: Structure, step: Array) -> Structure:
+        return self.bundle.with_refined_points(self.bundle.move(state, step))
+
 
 def adjust_bundle(
     bundle: Bundle, *, tolerance: float = TOLERANCE, watch: Callable[[int, float], None] | None = None
 ) -> Solution[Structure]:
     """Minimize the robust cost by Levenberg-Marquardt.
 
-    B. Triggs et al., Bundle adjustment: a modern synthesis, 2000.
+    B. Triggs et al., Bundle adjustment: a modern synthesis, 2000. After each step the points are refined one by one: 8
+    steps instead of 54 are then needed for a map of 300 images, and the cost is lower (embedded point iterations of Y.
+    Jeong et al., Pushing the envelope of modern methods for bundle adjustment, 2012).
     """
     return minimize(
-        bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=tolerance, damping=INITIAL_DAMPING, watch=watch
+        _RefinedPoints(bundle),
+        bundle.with_refined_points(bundle.start),
+        iterations=MAX_ITERATIONS,
+        tolerance=tolerance,
+        damping=INITIAL_DAMPING,
+        watch=watch,
     )
 
 

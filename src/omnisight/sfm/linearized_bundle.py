@@ -10,6 +10,7 @@ from scipy.linalg import LinAlgError
 from scipy.sparse import coo_array, csr_array, hstack
 
 from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
+from omnisight.optim.conjugate_gradients import conjugate_gradients
 from omnisight.optim.multifrontal import Front, MultifrontalFactor, fronts_of
 from omnisight.parallel import parallel_for
 
@@ -21,6 +22,8 @@ POINTS_PER_TASK = 2048
 # Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
 # means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
+# Least damping of the preconditioner: with points divided between few cameras it can be singular.
+PRECONDITIONER_DAMPING = 1e-8
 
 
 class Prior(NamedTuple):
@@ -63,6 +66,27 @@ class CameraColumns:
         return self.pattern.starts, self.pattern.row_starts, self.pattern.column, self.pattern.offsets
 
 
+class DividedPoints(NamedTuple):
+    """Observations of points that are divided between distant frames: fewer frames are connected.
+
+    Attributes
+    ----------
+    observation
+        (K,) indices of the observations, sorted by part of a point. Parts with one observation are left out.
+    starts
+        (Q + 1,) first observation of each part.
+    point
+        (K,) indices of the parts.
+    cameras
+        Columns of the derivatives of these observations by cameras.
+    """
+
+    observation: Indices
+    starts: Indices
+    point: Indices
+    cameras: CameraColumns
+
+
 class ReducedSystem(NamedTuple):
     """The normal equations of the cameras without the points: matrix, right side (C,), and undamped diagonal (C,)."""
 
@@ -87,6 +111,8 @@ class LinearizedBundle:
         (M, 2), (M, 2, L) and (M, 2, 3).
     prior
         What is known of the cameras besides the observations.
+    divided
+        The points of the preconditioner; None if the normal equations of the cameras are factored.
     """
 
     starts: Indices
@@ -96,6 +122,7 @@ class LinearizedBundle:
     by_camera: Array
     by_point: Array
     prior: Prior
+    divided: DividedPoints | None = None
 
     @property
     def count(self) -> int:
@@ -111,10 +138,8 @@ class LinearizedBundle:
         from omnisight.sfm._bundle_kernel import solve_points
 
         moves = np.full((len(self.starts) - 1, 3), np.nan)
-        matrix, right, diagonal = self.reduced(damping)
-        matrix.add_diagonal(damping * diagonal)
         try:
-            step = -self.factor(matrix).solve(right)
+            step = self._camera_step(damping)
         except LinAlgError:
             return np.full(self.count + moves.size, np.nan)
         columns = self.cameras.columns
@@ -124,6 +149,35 @@ class LinearizedBundle:
             POINTS_PER_TASK,
         )
         return np.concatenate([step, moves.ravel()])
+
+    def _camera_step(self, damping: float) -> Array:
+        """Return the step (C,) of the cameras.
+
+        Many cameras are not factored. The preconditioner is the factor of the same problem with divided points, which
+        has less information in few directions: preconditioners of strongly connected cameras are those of A. Kushal
+        and S. Agarwal, Visibility based preconditioning for bundle adjustment, 2012, but a matrix whose weak blocks
+        are dropped need not be positive definite.
+        """
+        matrix, right, diagonal = self.reduced(damping)
+        matrix.add_diagonal(damping * diagonal)
+        if self.divided is None:
+            return -self.factor(matrix).solve(right)
+        near = self._with_divided_points(self.divided)
+        approximate = near.reduced(damping).matrix
+        approximate.add_diagonal(max(damping, PRECONDITIONER_DAMPING) * diagonal)
+        return -conjugate_gradients(matrix, near.factor(approximate).solve, right)
+
+    def _with_divided_points(self, divided: DividedPoints) -> "LinearizedBundle":
+        use = divided.observation
+        return LinearizedBundle(
+            divided.starts,
+            divided.point,
+            divided.cameras,
+            self.residuals[use],
+            self.by_camera[use],
+            self.by_point[use],
+            self.prior,
+        )
 
     def decrease(self, step: Array) -> float:
         """Return the decrease of the linearized cost along a step."""

@@ -12,7 +12,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for, parallel_map
 from omnisight.ray_camera import RayCamera
-from omnisight.sfm.bundle_adjustment import TOLERANCE, Bundle, RayObservations, Structure, adjust_bundle
+from omnisight.sfm.bundle_adjustment import TOLERANCE, Bundle, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
@@ -21,6 +21,7 @@ from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks, build_tracks
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from omnisight.sfm.common_points import common_points, divided_points, frames_with_common_points
 from omnisight.sfm.view_graph import Edge
 
 Indices = NDArray[np.intp]
@@ -64,18 +65,11 @@ class Tracks:
 
     def divided_where_few_are_common(self, frame: Indices, least: int) -> "Tracks":
         """Divide tracks so that any two frames (M,) of a track have at least this number of tracks in common."""
-        from omnisight.sfm._track_kernel import divide_tracks
-
         if not len(self):
             return self
-        frames = int(frame.max()) + 1
-        seen = coo_array((np.ones(len(frame), np.int32), (frame, self.track)), shape=(frames, len(self))).tocsr()
-        seen.data[:] = 1  # several images of a frame see a point once
-        common = (seen @ seen.T).tocoo()
-        is_connected, strong = np.eye(frames, dtype=bool), common.data >= least
-        is_connected[common.row[strong], common.col[strong]] = True
-        track = np.empty(len(frame), np.intp)
-        if divide_tracks(self.starts, frame, is_connected, track) == len(self):
+        enough = frames_with_common_points(common_points(frame, self.track), least)
+        track = divided_points(frame, self.track, enough)
+        if np.array_equal(track, self.track):
             return self
         order = np.lexsort((self.image, track))
         divided = Tracks(track[order], self.image[order], self.keypoint[order])

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT, robust_sigma
 from omnisight.optim.pose_graph import Similarities
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure
+from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.twoview.triangulation import whitening
 from omnisight.visual_odometry.keyframe_history import KeyframeHistory
 from omnisight.visual_odometry.loop_detection import DetectedLoop, LoopDetector
@@ -26,8 +26,7 @@ MAX_KEYFRAMES = 600
 # Degrees of freedom of the residuals, and residuals of rays that do not see the point, as in the sliding window.
 DEGREES, OUTLIER_SIGMA = 4.0, 5.0
 # Adjustments, after each of which outliers are removed, their steps, and the expected decrease at which they end.
-ROUNDS, MAX_ITERATIONS, TOLERANCE = 2, 12, 1e-4
-INITIAL_DAMPING = 1e-6
+ROUNDS, TOLERANCE = 2, 1e-4
 # Least scale of the residuals, standard deviations of the rays.
 MIN_SIGMA = 1e-3
 
@@ -65,8 +64,7 @@ def _adjusted(bundle: Bundle) -> Bundle:
     """Return the problem without outliers, with the adjusted structure as its start."""
     squares = bundle.start.squared_residuals(bundle.rays)
     bundle = replace(bundle, loss=StudentT(DEGREES, max(robust_sigma(np.sqrt(squares)), MIN_SIGMA)))
-    solution = minimize(bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=TOLERANCE, damping=INITIAL_DAMPING)
-    return _without_outliers(replace(bundle, start=solution.state))
+    return _without_outliers(replace(bundle, start=adjust_bundle(bundle, tolerance=TOLERANCE).state))
 
 
 def _selected(count: int, places: Sequence[int]) -> Indices:

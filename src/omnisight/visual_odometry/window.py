@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from omnisight.geometry.pose import Pose
 from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT, robust_sigma
-from omnisight.sfm.bundle_adjustment import Bundle, RayObservations, Structure
+from omnisight.sfm.bundle_adjustment import Bundle
+from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.twoview.triangulation import triangulate
 from omnisight.visual_odometry.marginalization import PosePrior, marginalize_first
 from omnisight.visual_odometry.ray_observations import FrameRays
