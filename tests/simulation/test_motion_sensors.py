@@ -7,12 +7,9 @@ from scipy.spatial.transform import Rotation
 import omnisight as om
 from omnisight.geometry.geodesy import east_north_up
 from omnisight.geometry.rotation import exp
+from omnisight.motion_sensor_options import GnssNoise, ImuNoise, MotionSensors, OdometryNoise
 from omnisight.simulation.motion_sensors import (
     GRAVITY,
-    GnssNoise,
-    ImuNoise,
-    MotionSensors,
-    OdometryNoise,
     measure_gnss,
     measure_imu,
     measure_odometry,

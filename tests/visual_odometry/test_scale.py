@@ -8,9 +8,10 @@ import pytest
 import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.motion_sensor_options import ImuNoise
 from omnisight.pipeline.motion_files import read_imu, read_wheels
 from omnisight.pipeline.odometry_scale import ScaleSources
-from omnisight.simulation.motion_sensors import ImuNoise, measure_imu
+from omnisight.simulation.motion_sensors import measure_imu
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 from omnisight.simulation.trajectory import Trajectory
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose

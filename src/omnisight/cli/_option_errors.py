@@ -1,11 +1,13 @@
 """Messages of arguments that a command does not accept."""
 
-from cyclopts import CycloptsError, MissingArgumentError, UnusedCliTokensError
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
 
 
 def option_error(error: CycloptsError) -> str:
     """Return the message of an error of the options."""
     message = str(error)
+    if isinstance(error, CoercionError) and error.argument is not None and error.argument.parameter.converter:
+        message = str(error.__cause__)  # without the name of the option, which the messages of converters contain
     if isinstance(error, UnusedCliTokensError):
         message = _unused_arguments(error)
     if isinstance(error, MissingArgumentError) and error.argument is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from omnisight.cli._size import parse_range, parse_size
+from omnisight.cli._text_options import parse_range, parse_size
 
 if TYPE_CHECKING:
     from omnisight.pipeline.view_options import ViewOptions

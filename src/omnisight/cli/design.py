@@ -76,7 +76,7 @@ def design(
     del what
     from omnisight.cli._design_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
-    from omnisight.cli._size import parse_size
+    from omnisight.cli._text_options import parse_size
     from omnisight.pipeline.design import DesignOptions
     from omnisight.pipeline.design import design as design_camera
     from omnisight.targets.length import parse_length

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, write_json
 from omnisight.cli._progress import progress
-from omnisight.cli._size import parse_size
+from omnisight.cli._text_options import parse_size
 from omnisight.cli._view_options import SharedViewOptions, ViewType
 from omnisight.pipeline.batch.batch_options import BatchOptions
 

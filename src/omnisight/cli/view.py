@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.cli._size import parse_range
+from omnisight.cli._text_options import parse_range
 from omnisight.cli._view_options import Angles, SharedViewOptions, ViewType, view_options
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.video_options import VideoOptions

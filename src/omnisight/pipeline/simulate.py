@@ -16,6 +16,7 @@ from omnisight.display import Displayed
 from omnisight.formats import FormatError, load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
+from omnisight.motion_sensor_options import RATES, MotionSensors
 from omnisight.pipeline.simulate_options import SimulateOptions
 from omnisight.pipeline.simulated_motion import camera_motion, check_trajectory, write_measurements
 from omnisight.pipeline.simulated_scene import visited_scene
@@ -33,7 +34,6 @@ from omnisight.simulation.daylight import clock
 from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
 from omnisight.simulation.image_samples import ImageSample
 from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
-from omnisight.simulation.motion_sensors import RATES, MotionSensors
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import exposure_drift

@@ -1,15 +1,17 @@
-"""Options of `simulate`."""
+"""Options of `simulate`; those of `RenderingOptions` are also options of the command.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from omnisight.choices import Options
-from omnisight.rig import Rig, Sensor
-from omnisight.simulation.daylight import Weather
-from omnisight.simulation.exports import get_export
-from omnisight.simulation.motion_sensors import MotionSensors
-from omnisight.simulation.sensor import check_sensor
+from omnisight.motion_sensor_options import MotionSensors
+
+if TYPE_CHECKING:
+    from omnisight.rig import Rig, Sensor
 
 # Larger requests are mistakes, and would fill the disk.
 MAX_FRAMES = 100_000
@@ -24,19 +26,20 @@ class Conditions(Options):
     Attributes
     ----------
     time
-        Local solar time, hours, of an outdoor scene; None for its usual sun.
+        Local solar time of an outdoor scene, hours, at the latitude of the world's origin on 1 May; None for the
+        scene's usual sun.
     weather
-        clear, overcast, rain or fog.
+        Weather of an outdoor scene.
     exposure_drift
-        Standard deviation, stops, of a slow random change of the exposure.
+        Standard deviation of a slow random change of the exposure, stops; exposure.csv has that of each image.
     visit
-        Number of the visit of the town: other cars are parked at each.
+        Number of the visit of the town: other cars are parked at each, and everything else is the same.
     traffic
-        Whether cars drive and people walk through the town; `masks/` shows them.
+        Cars drive and people walk through the town; masks/ is white where the image shows what is static.
     """
 
     time: float | None = None
-    weather: Weather = "clear"
+    weather: Literal["clear", "overcast", "rain", "fog"] = "clear"
     exposure_drift: float = 0.0
     visit: int = 0
     traffic: bool = False
@@ -50,25 +53,19 @@ class Conditions(Options):
             raise ValueError(f"--exposure-drift must be from 0 to {MAX_DRIFT_STOPS} stops, got {self.exposure_drift:g}")
 
 
-@dataclass(frozen=True)
-class SimulateOptions(Options):
-    """Options of `simulate`.
+@dataclass(frozen=True, kw_only=True)
+class RenderingOptions(Options):
+    """Options of the images and other files of a simulated data set.
 
     Attributes
     ----------
-    scene
-        room, rooms, street, town, boards or lines.
-    camera
-        A calibration file of any format, or a camera or rig. Non-central cameras are supported.
-    output
-        Folder of the data set. It is created if needed; a folder with other content is refused.
     trajectory
         loop, line, turn or still, at the speed of a walking person; loop follows the roads of the town, as a car, and
         enters all rooms of `rooms`. Or a file of world_from_cam poses (world_from_rig for a rig), in the TUM format
         (timestamp tx ty tz qx qy qz qw) or CSV with the same columns.
     up
-        Orientation of the camera on the trajectories loop, line, turn and still: "top" is level; "back" looks down, as
-        below a mirror; "front" looks up.
+        Orientation of the camera on loop, line, turn and still: top is level; back looks down, as below a mirror; front
+        looks up.
     frames
         Maximum number of images: 60, or all poses of a file.
     fps
@@ -84,11 +81,11 @@ class SimulateOptions(Options):
     noise
         Standard deviation of the noise at middle gray, of 255.
     jpeg
-        Quality of the images as JPEG; None for PNG.
+        Write the images as JPEG of this quality.
     rolling_shutter
-        Readout time from the first to the last row, milliseconds. Poses are those of the middle row.
+        Readout time from the first to the last row, milliseconds; poses are those of the middle row.
     exposure_time
-        Duration of the exposure, milliseconds, for motion blur, about the timestamp; 0 for sharp images.
+        Duration of the exposure, milliseconds, for motion blur; 0 for sharp images. The pose is that of its middle.
     circle
         (low, high) angles from the axis, degrees; images are black outside. None is the calibrated field of view.
     exact
@@ -96,17 +93,13 @@ class SimulateOptions(Options):
     seed
         Seed of the noise and of random parts of the scene.
     motion_sensors
-        IMU, wheel odometry and GNSS. With any of them the body moves along a twice continuously differentiable spline
-        through the poses, instead of with constant velocity between them.
+        IMU, wheel odometry and GNSS.
     conditions
         Time of day, weather and drift of the exposure.
     export
         Other formats to write: colmap, covisibility, euroc, kitti and nerfstudio.
     """
 
-    scene: str
-    camera: Path | Sensor | Rig
-    output: Path
     trajectory: str = "loop"
     up: Literal["top", "back", "front"] = "top"
     frames: int | None = None
@@ -126,8 +119,30 @@ class SimulateOptions(Options):
     conditions: Conditions = field(default_factory=Conditions)
     export: tuple[str, ...] = ()
 
+
+@dataclass(frozen=True)
+class SimulateOptions(RenderingOptions):
+    """Options of `simulate`.
+
+    Attributes
+    ----------
+    scene
+        room, rooms, street, town, boards or lines.
+    camera
+        A calibration file of any format, or a camera or rig. Non-central cameras are supported.
+    output
+        Folder of the data set. It is created if needed; a folder with other content is refused.
+    """
+
+    scene: str
+    camera: "Path | Sensor | Rig"
+    output: Path
+
     def __post_init__(self) -> None:
         """Check the ranges of all values."""
+        from omnisight.simulation.exports import get_export  # these import numpy
+        from omnisight.simulation.sensor import check_sensor
+
         super().__post_init__()
         if self.rays not in RAYS_PER_PIXEL:
             raise ValueError(f"--rays must be 1, 4, 9 or 16, got {self.rays}")

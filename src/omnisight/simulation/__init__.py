@@ -1,17 +1,10 @@
 """Rendering of scenes through any camera by ray casting, with ground truth."""
 
+from omnisight.motion_sensor_options import GnssNoise, ImuNoise, MotionSensors, OdometryNoise
 from omnisight.simulation.board import BoardInScene, board_solid
 from omnisight.simulation.board_poses import board_poses
 from omnisight.simulation.example_cameras import DEMO_BOARD, CameraSetup, fisheye_setup, mirror_setup
-from omnisight.simulation.motion_sensors import (
-    GnssNoise,
-    ImuNoise,
-    MotionSensors,
-    OdometryNoise,
-    measure_gnss,
-    measure_imu,
-    measure_odometry,
-)
+from omnisight.simulation.motion_sensors import measure_gnss, measure_imu, measure_odometry
 from omnisight.simulation.preset_motion import DRIVE, WALK, Pace, Route, preset_trajectory
 from omnisight.simulation.render import Renderer, dense_correspondences, render
 from omnisight.simulation.rendered import GroundTruth, RenderedImage

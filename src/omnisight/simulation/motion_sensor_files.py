@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import write_bytes
-from omnisight.simulation.motion_sensors import GRAVITY, ImuMeasurements, MotionMeasurements, MotionSensors
+from omnisight.motion_sensor_options import MotionSensors
+from omnisight.simulation.motion_sensors import GRAVITY, ImuMeasurements, MotionMeasurements
 
 Array = NDArray[np.float64]
 

@@ -1,132 +1,26 @@
 """Inertial measurement unit, wheel odometry and GNSS receiver on the simulated body."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.display import Displayed
 from omnisight.geometry.geodesy import from_east_north_up
+from omnisight.motion_sensor_options import RATES, GnssNoise, ImuNoise, MotionSensors, OdometryNoise
 from omnisight.simulation.random_process import gauss_markov
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
-Noise = TypeVar("Noise", "ImuNoise", "OdometryNoise", "GnssNoise")
+Noise = TypeVar("Noise", ImuNoise, OdometryNoise, GnssNoise)
 
 # As in the files of EuRoC; m/s^2, downwards, which is +y of the world.
 GRAVITY = 9.81
 # Rows of the world's axes (x right, y down, z forward) as east, north and up.
 EAST_NORTH_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-MAX_RATE_HZ = 10_000.0
 # Satellites are above the horizon only: the vertical error is about twice the horizontal one.
 VERTICAL_GNSS_FACTOR = 2.0
-RATES = ("imu", "odometry", "gnss")
-
-
-@dataclass(frozen=True)
-class ImuNoise(Displayed):
-    """Noise of an IMU in the convention of EuRoC and Kalibr. Defaults: ADIS16448, as in EuRoC's sensor.yaml.
-
-    Attributes
-    ----------
-    gyroscope_density
-        White noise, rad/s/sqrt(Hz).
-    gyroscope_walk
-        Random walk of the bias, rad/s^2/sqrt(Hz).
-    accelerometer_density
-        White noise, m/s^2/sqrt(Hz).
-    accelerometer_walk
-        Random walk of the bias, m/s^3/sqrt(Hz).
-    gyroscope_bias, accelerometer_bias
-        Standard deviation of the biases at the beginning, rad/s and m/s^2: what remains after a calibration.
-    """
-
-    gyroscope_density: float = 1.6968e-4
-    gyroscope_walk: float = 1.9393e-5
-    accelerometer_density: float = 2.0e-3
-    accelerometer_walk: float = 3.0e-3
-    gyroscope_bias: float = 5e-3
-    accelerometer_bias: float = 5e-2
-
-
-@dataclass(frozen=True)
-class OdometryNoise(Displayed):
-    """Noise of wheel odometry, one standard deviation.
-
-    Attributes
-    ----------
-    scale
-        Relative error of the wheel radius, constant.
-    speed, yaw_rate
-        Noise of a sample, m/s and rad/s.
-    """
-
-    scale: float = 0.005
-    speed: float = 0.02
-    yaw_rate: float = 0.005
-
-
-@dataclass(frozen=True)
-class GnssNoise(Displayed):
-    """Noise of a GNSS receiver, one standard deviation of each horizontal axis; the vertical one is twice as large.
-
-    Attributes
-    ----------
-    correlated
-        Slowly varying part (atmosphere, orbits), a Gauss-Markov process, metres.
-    correlation_time
-        Its correlation time, seconds.
-    white
-        White noise of a position, metres.
-    """
-
-    correlated: float = 1.0
-    correlation_time: float = 60.0
-    white: float = 0.3
-
-
-@dataclass(frozen=True)
-class MotionSensors(Displayed):
-    """Sensors of the motion of the body; a rate of 0 is no sensor.
-
-    Attributes
-    ----------
-    imu, odometry, gnss
-        Samples per second.
-    noise
-        Factor of all noise and biases; 0 for exact measurements.
-    origin
-        Latitude and longitude, degrees, and altitude, metres, of the world's origin.
-    imu_noise, odometry_noise, gnss_noise
-        Noise of each.
-    """
-
-    imu: float = 0.0
-    odometry: float = 0.0
-    gnss: float = 0.0
-    noise: float = 1.0
-    origin: tuple[float, float, float] = (47.3769, 8.5417, 408.0)
-    imu_noise: ImuNoise = field(default_factory=ImuNoise)
-    odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
-    gnss_noise: GnssNoise = field(default_factory=GnssNoise)
-
-    def __post_init__(self) -> None:
-        """Check the ranges of all values."""
-        for name in RATES:
-            if not 0 <= getattr(self, name) <= MAX_RATE_HZ:
-                raise ValueError(f"--{name} must be from 0 to {MAX_RATE_HZ:g} Hz, got {getattr(self, name):g}")
-        if not 0 <= self.noise <= 1e6:
-            raise ValueError(f"--sensor-noise must be a factor from 0 to 1000000, got {self.noise:g}")
-        latitude, longitude, altitude = self.origin
-        if not (abs(latitude) <= 90 and abs(longitude) <= 360 and abs(altitude) <= 1e5):
-            text = ",".join(f"{value:g}" for value in self.origin)
-            raise ValueError(f"--origin must be LATITUDE,LONGITUDE,ALTITUDE in degrees and metres, got {text}")
-
-    def __bool__(self) -> bool:
-        """Return whether there is any sensor."""
-        return bool(self.imu or self.odometry or self.gnss)
 
 
 class ImuMeasurements(NamedTuple):
