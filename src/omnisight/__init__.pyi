@@ -57,9 +57,9 @@ from omnisight.pipeline.convert import ConvertResult as ConvertResult
 from omnisight.pipeline.convert import convert as convert
 from omnisight.pipeline.convert_rig import ConvertRigResult as ConvertRigResult
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
-from omnisight.pipeline.design import DesignOptions as DesignOptions
 from omnisight.pipeline.design import DesignResult as DesignResult
 from omnisight.pipeline.design import design as design
+from omnisight.pipeline.design_options import DesignOptions as DesignOptions
 from omnisight.pipeline.detect import detect as detect
 from omnisight.pipeline.detect_batch import detect_batch as detect_batch
 from omnisight.pipeline.doctor import Diagnosis as Diagnosis
@@ -108,7 +108,7 @@ from omnisight.pipeline.view import view as view
 from omnisight.pipeline.view_batch import view_batch as view_batch
 from omnisight.pipeline.view_clip import ClipViews as ClipViews
 from omnisight.pipeline.view_clip import view_clip as view_clip
-from omnisight.pipeline.view_motion import ViewMotion as ViewMotion
+from omnisight.pipeline.view_options import ViewMotion as ViewMotion
 from omnisight.pipeline.view_options import ViewOptions as ViewOptions
 from omnisight.pipeline.visual_map import build_map as build_map
 from omnisight.pipeline.visual_map import read_map as read_map

@@ -1,100 +1,129 @@
 """Options of views in several commands, and of several views in one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from omnisight.cli._text_options import parse_range, parse_size
+from omnisight.cli._text_options import parse_range, parse_size, text_parameter
+from omnisight.pipeline.view_options import Range, ViewMotion, ViewOptions, ViewType
 
-if TYPE_CHECKING:
-    from omnisight.pipeline.view_options import ViewOptions
-
-
-ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
-
-# A range usually starts with a minus sign.
-Angles = Annotated[str | None, Parameter(allow_leading_hyphen=True)]
+_HIDDEN = Parameter(parse=False)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SharedViewOptions:
-    """Options that `view` and `export` share.
+@dataclass(frozen=True)
+class _ViewOptions(ViewOptions):
+    """Options of a view.
 
     Attributes
     ----------
-    up
-        Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
-        front, for one that looks up. By default back for a mirror camera, top for others.
-    flip
-        Exchange left and right, for a camera that looks into one mirror.
     elevation
         Vertical field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
     azimuth
         Horizontal field of view of a cylinder, mercator or sphere: LOW:HIGH in degrees.
-    projection
-        Projection of a fisheye.
-    name
-        Name of the camera in a file of several, such as a rig.
-    distance
-        Scene distance with its unit (2m, or inf), for a non-central camera.
     """
 
-    up: Literal["top", "back", "front"] | None = None
-    flip: bool = False
-    elevation: Angles = None
-    azimuth: Angles = None
-    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant"
-    name: str | None = None
-    distance: str | None = None
+    elevation: Annotated[Range | None, text_parameter(parse_range)] = None
+    azimuth: Annotated[Range | None, text_parameter(parse_range)] = None
 
-    @property
-    def values(self) -> dict[str, Any]:
-        """The values of `ViewOptions`.
+
+@dataclass(frozen=True)
+class CommonViewOptions(_ViewOptions):
+    """Options of all views of a command; `RepeatedViewOptions` has the others."""
+
+    to: Annotated[ViewType | None, _HIDDEN] = None
+    fov: Annotated[float | None, _HIDDEN] = None
+    yaw: Annotated[float, _HIDDEN] = 0.0
+    pitch: Annotated[float | None, _HIDDEN] = None
+    roll: Annotated[float, _HIDDEN] = 0.0
+    size: Annotated[tuple[int, int] | None, _HIDDEN] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatedViewOptions:
+    """Options that are specified once for all views of a command, or once for each.
+
+    Attributes
+    ----------
+    to
+        Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
+    fov
+        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
+        (180).
+    yaw
+        View direction, positive right.
+    pitch
+        View direction, positive up; 0 by default, and -90 for a planet.
+    roll
+        Rotation about the view direction, positive clockwise.
+    size
+        WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.
+    """
+
+    to: list[ViewType] | None = None
+    fov: list[float] | None = None
+    yaw: list[float] | None = None
+    pitch: list[float] | None = None
+    roll: list[float] | None = None
+    size: list[str] | None = None
+
+    def of_outputs(self, outputs: Sequence[str], common: CommonViewOptions) -> list[tuple[str, ViewOptions]]:
+        """Return the file and the options of each view.
 
         Raises
         ------
         ValueError
-            If a range cannot be read.
+            If an option was specified another number of times.
         """
-        return vars(self) | {
-            "elevation": parse_range(self.elevation, "--elevation") if self.elevation else None,
-            "azimuth": parse_range(self.azimuth, "--azimuth") if self.azimuth else None,
-        }
+        repeated = {name: values for name, values in vars(self).items() if values}
+        for name, values in repeated.items():
+            if len(values) not in (1, len(outputs)):
+                raise ValueError(
+                    f"--{name} is given {len(values)} times and --output {len(outputs)} times: give it once for all"
+                    " views, or once for each, in the order of the outputs"
+                )
+        if self.size:
+            repeated["size"] = [parse_size(text) for text in self.size]
+        views: list[tuple[str, ViewOptions]] = []
+        for k, output in enumerate(outputs):
+            own = {name: values[k if len(values) > 1 else 0] for name, values in repeated.items()}
+            views.append((output, ViewOptions(**vars(common) | own)))
+        return views
 
 
-def view_options(
-    outputs: Sequence[str], each: Mapping[str, Sequence[Any] | None], common: Mapping[str, Any]
-) -> list[tuple[str, "ViewOptions"]]:
-    """Return the file and the options of each view.
+@dataclass(frozen=True)
+class ExportedViewOptions(_ViewOptions):
+    """Options of a view for another program.
 
-    Parameters
+    Attributes
     ----------
-    outputs
-        The files.
-    each
-        Values of options that were given once, for all views, or once for each.
-    common
-        Options of all views.
-
-    Raises
-    ------
-    ValueError
-        If an option was given another number of times.
+    to
+        Type of the view: perspective by default, and a cylinder for a mirror camera.
+    size
+        WIDTHxHEIGHT of the view, px. For splat, the width of a view of 90 degrees; by default the resolution of the
+        image is kept.
+    interpolation
+        Interpolation between image pixels, if the program offers it.
     """
-    from omnisight.pipeline.view_options import ViewOptions
 
-    for name, values in each.items():
-        if values and len(values) not in (1, len(outputs)):
-            raise ValueError(
-                f"--{name} is given {len(values)} times and --output {len(outputs)} times: give it once for all views,"
-                " or once for each, in the order of the outputs"
-            )
-    views: list[tuple[str, ViewOptions]] = []
-    for k, output in enumerate(outputs):
-        own = {name: values[k if len(values) > 1 else 0] for name, values in each.items() if values}
-        if "size" in own:
-            own["size"] = parse_size(own["size"])
-        views.append((output, ViewOptions(**common, **own)))
-    return views
+    to: Annotated[ViewType | None, Parameter(name="--view")] = None
+    size: Annotated[tuple[int, int] | None, text_parameter(parse_size)] = None
+    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] | None = "bicubic"
+    antialias: Annotated[bool, _HIDDEN] = True
+    mark: Annotated[bool, _HIDDEN] = False
+    scale_camera: Annotated[bool, _HIDDEN] = False
+    apply_exif: Annotated[bool, _HIDDEN] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewMotionOptions(ViewMotion):
+    """Options of the motion of a view.
+
+    Attributes
+    ----------
+    pan
+        FIRST:LAST yaw of a view that turns at constant speed during the clip, in place of --yaw.
+    """
+
+    pan: Annotated[Range | None, text_parameter(parse_range)] = None

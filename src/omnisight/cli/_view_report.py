@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnisight.cli._output import write_json
 from omnisight.pipeline.view import ViewResult
-from omnisight.pipeline.view_options import PANORAMAS
+from omnisight.pipeline.view_options import PANORAMA_TYPES
 
 if TYPE_CHECKING:
     from omnisight.pipeline.view_clip import ClipViews
@@ -67,7 +67,7 @@ def _size_note(result: ViewResult) -> str | None:
         return None
     if (size[0] // 2 * 2, size[1] // 2 * 2) == (width, height):
         reason = "video codecs need even sides"
-    elif result.options.to in PANORAMAS:
+    elif result.options.to in PANORAMA_TYPES:
         if size[0] == size[1]:  # only the width was specified
             return None
         reason = "its height follows from the width and the field of view"

@@ -1,30 +1,65 @@
 """omnisight design."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
+from omnisight.cli._text_options import parse_size, text_parameter
+from omnisight.pipeline.design_options import DesignOptions
 
 GROUP = "Cameras"
+
+
+def _parse_length(text: str, option: str) -> float:
+    """Parse a length with its unit, to metres."""
+    from omnisight.targets.length import parse_length  # imports numpy
+
+    return parse_length(text, option)
+
+
+def _show_length(metres: float) -> str:
+    return f"{metres * 1e3:g}mm" if metres < 1 else f"{metres:g}m"
+
+
+_LENGTH = text_parameter(_parse_length, _show_length)
+
+
+@dataclass(frozen=True)
+class _DesignOptions(DesignOptions):
+    """Options of a design.
+
+    Attributes
+    ----------
+    sensor
+        WIDTHxHEIGHT, px.
+    pixel
+        Pixel pitch with its unit: 3.75um.
+    focal
+        Focal length of the lens with its unit: 8mm.
+    diameter
+        Diameter of the mirror's rim: 60mm.
+    distance
+        From the entrance pupil of the lens to the mirror's vertex: 80mm.
+    """
+
+    sensor: Annotated[tuple[int, int], text_parameter(parse_size, "{0[0]}x{0[1]}".format)] = DesignOptions.sensor
+    pixel: Annotated[float, text_parameter(_parse_length, lambda metres: f"{metres * 1e6:g}um")] = DesignOptions.pixel
+    focal: Annotated[float | None, _LENGTH] = None
+    diameter: Annotated[float | None, _LENGTH] = None
+    distance: Annotated[float | None, _LENGTH] = None
+    body: Annotated[float, _LENGTH] = DesignOptions.body
+    working_distance: Annotated[float, _LENGTH] = DesignOptions.working_distance
 
 
 def design(
     what: Literal["mirror"],
     /,
     *,
-    kind: str = "hyperbolic",
     hfov: float = 360.0,
-    up: float = 20.0,
-    down: float = 60.0,
-    sensor: str = "1280x960",
-    pixel: str = "3.75um",
-    focal: str | None = None,
-    diameter: str | None = None,
-    distance: str | None = None,
-    body: str = "30mm",
-    working_distance: str = "1m",
+    options: Annotated[_DesignOptions, Parameter(name="*")] = _DesignOptions(),
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     camera: Path | None = None,
 ) -> None:
@@ -43,29 +78,8 @@ def design(
     ----------
     what
         mirror.
-    kind
-        hyperbolic, parabolic (needs a telecentric lens), spherical or conical (both without a single viewpoint).
     hfov
         Horizontal field of view, degrees. Mirrors of revolution always show 360.
-    up
-        Field of view above the horizon, degrees.
-    down
-        Field of view below the horizon, degrees: the mirror gets a hole where it would show more. Straight down is the
-        camera itself.
-    sensor
-        WIDTHxHEIGHT, px.
-    pixel
-        Pixel pitch with its unit: 3.75um.
-    focal
-        Focal length of the lens with its unit: 8mm.
-    diameter
-        Diameter of the mirror's rim: 60mm.
-    distance
-        From the entrance pupil of the lens to the mirror's vertex: 80mm.
-    body
-        Diameter of the camera body as the mirror sees it. A telecentric lens is at least as wide as its mirror.
-    working_distance
-        Scene distance for the parallax of a misaligned mirror.
     output
         Write a drawing: mirror.svg with dimensions, sag table, tolerances and resolution at a standard scale on A4, or
         mirror.dxf with the profile in millimetres.
@@ -76,10 +90,7 @@ def design(
     del what
     from omnisight.cli._design_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
-    from omnisight.cli._text_options import parse_size
-    from omnisight.pipeline.design import DesignOptions
     from omnisight.pipeline.design import design as design_camera
-    from omnisight.targets.length import parse_length
 
     if hfov != 360:
         raise ValueError(
@@ -92,18 +103,6 @@ def design(
             if file.suffix.lower() not in suffixes:
                 names = " or ".join(file.stem + suffix for suffix in suffixes)
                 raise ValueError(f"{file}: is written as {' or '.join(suffixes)}; name it {names}")
-    options = DesignOptions(
-        kind,
-        up,
-        down,
-        parse_size(sensor, "--sensor"),
-        parse_length(pixel, "--pixel"),
-        focal=None if focal is None else parse_length(focal, "--focal"),
-        diameter=None if diameter is None else parse_length(diameter, "--diameter"),
-        distance=None if distance is None else parse_length(distance, "--distance"),
-        body=parse_length(body, "--body"),
-        working_distance=parse_length(working_distance, "--working-distance"),
-    )
     result = design_camera(options)
     written: list[Path] = []
     if output is not None:

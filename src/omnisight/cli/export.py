@@ -1,14 +1,14 @@
 """omnisight export."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, write_json
 from omnisight.cli._progress import progress
-from omnisight.cli._text_options import parse_size
-from omnisight.cli._view_options import SharedViewOptions, ViewType
+from omnisight.cli._text_options import parse_size, text_parameter
+from omnisight.cli._view_options import ExportedViewOptions
 from omnisight.pipeline.batch.batch_options import BatchOptions
 
 GROUP = "Views"
@@ -21,15 +21,8 @@ def export(
     to: str,
     output: Annotated[str, Parameter(alias="-o")],
     images: str | None = None,
-    size: str | None = None,
-    view: ViewType | None = None,
-    fov: float | None = None,
-    yaw: float = 0.0,
-    pitch: float | None = None,
-    roll: float = 0.0,
-    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] = "bicubic",
-    image_size: str | None = None,
-    shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
+    image_size: Annotated[tuple[int, int] | None, text_parameter(parse_size)] = None,
+    view: Annotated[ExportedViewOptions, Parameter(name="*")] = ExportedViewOptions(),
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
 ) -> None:
     """Write a view of a camera, or a reconstruction, for another program.
@@ -50,22 +43,6 @@ def export(
     images
         The folder of the images, for splat and viewer. For splat with --workers, --cluster or a URL they are processed
         by workers.
-    size
-        WIDTHxHEIGHT of the view, px. For splat, the width of a view of 90 degrees; by default the resolution of the
-        image is kept.
-    view
-        Type of the view: perspective by default, and a cylinder for a mirror camera.
-    fov
-        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
-        (180).
-    yaw
-        View direction, positive right.
-    pitch
-        View direction, positive up; 0 by default, and -90 for a planet.
-    roll
-        Rotation about the view direction, positive clockwise.
-    interpolation
-        Interpolation between image pixels, if the program offers it.
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
     """
@@ -85,7 +62,7 @@ def export(
                 f"{source}: is a file, and {to} is a format of reconstructions: specify the folder of one, or a format"
                 f" of views: {', '.join(views)}"
             )
-        width = parse_size(size)[0] if size else None
+        width = view.size[0] if view.size else None
         if batch.apply_to(images or "", output):
             if to != "splat" or images is None:
                 raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
@@ -107,19 +84,7 @@ def export(
     from omnisight.pipeline.export_map import export_map
     from omnisight.pipeline.view_options import ViewOptions
 
-    options = ViewOptions(
-        to=view,
-        fov=fov,
-        yaw=yaw,
-        pitch=pitch,
-        roll=roll,
-        size=parse_size(size) if size else None,
-        interpolation=interpolation,
-        **shared.values,
-    )
-    result = export_map(
-        source, Path(output), to, options, image_size=parse_size(image_size, "--image-size") if image_size else None
-    )
+    result = export_map(source, Path(output), to, ViewOptions(**vars(view)), image_size=image_size)
     from omnisight.cli._export_report import print_map, print_map_json
 
     (print_map_json if is_json() else print_map)(result)

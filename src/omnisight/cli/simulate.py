@@ -10,7 +10,7 @@ from omnisight.cli._output import is_json, warn, write_json
 from omnisight.cli._progress import progress
 from omnisight.cli._text_options import parse_range, text_parameter
 from omnisight.motion_sensor_options import GnssNoise, ImuNoise, MotionSensors, OdometryNoise
-from omnisight.pipeline.simulate_options import Conditions, RenderingOptions
+from omnisight.pipeline.rendering_options import Conditions, RenderingOptions
 
 GROUP = "Cameras"
 

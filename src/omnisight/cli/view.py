@@ -1,14 +1,13 @@
 """omnisight view."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.cli._text_options import parse_range
-from omnisight.cli._view_options import Angles, SharedViewOptions, ViewType, view_options
+from omnisight.cli._view_options import CommonViewOptions, RepeatedViewOptions, ViewMotionOptions
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.video_options import VideoOptions
 
@@ -20,25 +19,12 @@ def view(
     /,
     *,
     camera: Path | None = None,
-    to: list[ViewType] | None = None,
     output: Annotated[list[str], Parameter(alias="-o")],
-    fov: list[float] | None = None,
-    yaw: list[float] | None = None,
-    pitch: list[float] | None = None,
-    roll: list[float] | None = None,
-    shared: Annotated[SharedViewOptions, Parameter(name="*")] = SharedViewOptions(),
-    size: list[str] | None = None,
-    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] | None = None,
-    antialias: bool = True,
+    each: Annotated[RepeatedViewOptions, Parameter(name="*")] = RepeatedViewOptions(),
+    common: Annotated[CommonViewOptions, Parameter(name="*")] = CommonViewOptions(),
     mask: Path | None = None,
-    mark: bool = False,
     view_camera: Path | None = None,
-    scale_camera: bool = False,
-    apply_exif: bool = False,
-    path: Path | None = None,
-    pan: Angles = None,
-    stabilize: Path | None = None,
-    follow: float | None = None,
+    motion: Annotated[ViewMotionOptions, Parameter(name="*")] = ViewMotionOptions(),
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
     batch: Annotated[BatchOptions, Parameter(name="*")] = BatchOptions(),
 ) -> None:
@@ -62,61 +48,20 @@ def view(
     camera
         Calibration file of any format. It may be omitted for equirectangular images and clips of 360° x 180°, which are
         twice as wide as high.
-    to
-        Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
     output
         File of the view, or a folder (required for several images); a video file for a clip.
-    fov
-        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
-        (180).
-    yaw
-        View direction, positive right.
-    pitch
-        View direction, positive up; 0 by default, and -90 for a planet.
-    roll
-        Rotation about the view direction, positive clockwise.
-    size
-        WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.
-    interpolation
-        Interpolation between image pixels: bicubic by default, and bilinear for clips.
-    antialias
-        Average image pixels where the view is smaller than the image.
     mask
         Write the mask of covered pixels: a PNG, 255 where the image covers the view.
-    mark
-        Hatch the pixels outside the calibrated field of view, where the camera model extrapolates.
     view_camera
         Write the camera of the view; its provenance has the rotation.
-    scale_camera
-        Scale the camera, if the images were resized after the calibration.
-    apply_exif
-        Rotate images by their EXIF orientation.
-    path
-        CSV file of keyframes of a moving view: time,yaw,pitch,roll,fov in seconds and degrees.
-    pan
-        FIRST:LAST yaw of a view that turns at constant speed during the clip, in place of --yaw.
-    stabilize
-        Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
-    follow
-        With --stabilize, follow the camera smoothly over this number of seconds, instead of keeping the direction.
     """
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.cli._view_report import print_json, print_report
     from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.view import skipped_message
     from omnisight.pipeline.view import view as view_images
-    from omnisight.pipeline.view_motion import ViewMotion
 
-    common = shared.values | {
-        "interpolation": interpolation,
-        "antialias": antialias,
-        "mark": mark,
-        "scale_camera": scale_camera,
-        "apply_exif": apply_exif,
-    }
-    each = {"to": to, "fov": fov, "yaw": yaw, "pitch": pitch, "roll": roll, "size": size}
-    motion = ViewMotion(path=path, pan=parse_range(pan, "--pan") if pan else None, stabilize=stabilize, follow=follow)
-    views = view_options(output, each, common)
+    views = each.of_outputs(output, common)
     if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
@@ -153,7 +98,7 @@ def view(
     if is_json():
         print_json(results, written)
     else:
-        print_report(results, output, written, is_up_given=shared.up is not None)
+        print_report(results, output, written, is_up_given=common.up is not None)
     errors = results[0].errors
     if errors:
         raise ValueError(skipped_message(errors, len(results[0].files) + len(errors)))

@@ -9,7 +9,8 @@ from omnisight.display import Displayed
 from omnisight.images import write_bytes
 from omnisight.map_formats import RemapTable, get_map_format
 from omnisight.pipeline.central_camera import CameraSource, central_camera, fit_camera
-from omnisight.pipeline.view_options import ViewOptions, view_target
+from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.view_target import view_target
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,10 @@ from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
 from omnisight.pipeline.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.view import ViewResult
-from omnisight.pipeline.view_motion import Angles, ViewMotion, check_fixed_angles, moved, stabilization, view_angles
-from omnisight.pipeline.view_options import ViewOptions, view_target
+from omnisight.pipeline.view_motion import Angles, check_fixed_angles, moved, stabilization, view_angles
+from omnisight.pipeline.view_options import ViewMotion, ViewOptions
 from omnisight.pipeline.view_renderer import hatch
+from omnisight.pipeline.view_target import view_target
 from omnisight.video_options import VideoOptions
 from omnisight.views.cube import CROSS_LAYOUT, CUBE_FACES, cube_cross
 from omnisight.views.frame_remapper import FrameRemapper

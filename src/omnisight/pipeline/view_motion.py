@@ -3,16 +3,15 @@
 import csv
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.display import Displayed
 from omnisight.geometry.rotation import nearest
-from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.view_options import ViewMotion, ViewOptions
 
 if TYPE_CHECKING:
     from omnisight.simulation.trajectory import Trajectory
@@ -23,44 +22,6 @@ Array = NDArray[np.float64]
 CHANNELS = ("yaw", "pitch", "roll", "fov")
 # Samples of the orientation in one standard deviation of its smoothing, and standard deviations that are averaged.
 SAMPLES_PER_SIGMA, SIGMAS = 4, 3
-
-
-@dataclass(frozen=True, kw_only=True)
-class ViewMotion(Displayed):
-    """Options of the motion of a view.
-
-    Attributes
-    ----------
-    path
-        CSV file of keyframes: a header `time,yaw,pitch,roll,fov` (all but time may be missing), seconds and degrees.
-        Between them the view moves smoothly, without overshooting.
-    pan
-        (first, last) yaw, degrees, from the first to the last frame at constant speed.
-    stabilize
-        Poses of the camera in the clip, in the TUM format, such as of `omnisight odometry`: the view keeps its
-        direction in the world.
-    follow
-        Standard deviation, seconds, of a Gaussian by which the orientation of the camera is smoothed: the view then
-        follows the camera slowly, without its shake.
-    """
-
-    path: Path | None = None
-    pan: tuple[float, float] | None = None
-    stabilize: Path | None = None
-    follow: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.path is not None and self.pan is not None:
-            raise ValueError("specify keyframes or a pan, not both: the keyframes contain the yaw")
-        if self.follow is not None and self.stabilize is None:
-            raise ValueError("--follow smooths the poses of --stabilize: specify their file too")
-        if self.follow is not None and not 0 < self.follow < math.inf:
-            raise ValueError(f"--follow is {self.follow:g}; choose a positive number of seconds")
-
-    @property
-    def moves(self) -> bool:
-        """Whether the view differs from frame to frame."""
-        return self.path is not None or self.pan is not None or self.stabilize is not None
 
 
 Angles = Callable[[float], dict[str, float]]

@@ -1,35 +1,27 @@
-"""Options of `view`, and the camera and the rotations of a view."""
+"""Options of `view`; they are those of the command.
+
+This module imports nothing heavy, because the command line imports it for its help.
+"""
 
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from omnisight.camera import Camera
 from omnisight.choices import Options
-from omnisight.geometry.rotation import look
-from omnisight.views.cube import CUBE_FACES, cube_rotation
-from omnisight.views.remapper import Interpolation
-from omnisight.views.view_cameras import (
-    FisheyeProjection,
-    cube_face,
-    cylinder,
-    fisheye,
-    mercator,
-    panini,
-    perspective,
-    planet,
-    sphere,
-)
+from omnisight.display import Displayed
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from omnisight.camera import Camera
+
 Range = tuple[float, float]
 ViewType = Literal["perspective", "cylinder", "mercator", "sphere", "cube", "planet", "fisheye", "panini"]
 
-PANORAMAS = {"cylinder": cylinder, "mercator": mercator, "sphere": sphere}
+PANORAMA_TYPES = ("cylinder", "mercator", "sphere")
 DEFAULT_FOV_DEG = {"perspective": 90.0, "panini": 150.0, "planet": 260.0, "fisheye": 180.0}
 # Elevation at which the default cylinder of a mirror camera ends: farther up or down it is stretched threefold.
 MAX_CYLINDER_ELEVATION_DEG = 60.0
@@ -42,20 +34,27 @@ class ViewOptions(Options):
     Attributes
     ----------
     to
-        Type of the view: perspective by default, and a cylinder of a mirror camera, which is blind along its axis.
+        Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
     fov
-        Field of view: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye (180).
-    yaw, pitch, roll
-        View direction. The pitch is 0, and -90 for a planet, by default.
+        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
+        (180).
+    yaw
+        View direction, positive right.
+    pitch
+        View direction, positive up; 0 by default, and -90 for a planet.
+    roll
+        Rotation about the view direction, positive clockwise.
     up
-        Where the world's up is: "top" of the image; "back", for a camera that looks down or into a mirror above it;
-        "front", for one that looks up. By default "back" for a mirror camera, "top" for others.
+        Where the world's up is: top of the image; back, for a camera that looks down or into a mirror above it; or
+        front, for one that looks up. By default back for a mirror camera, top for others.
     flip
         Exchange left and right, for a camera that looks into one mirror.
     size
         (width, height), px; cylinder, mercator and sphere use only the width.
-    elevation, azimuth
-        (low, high), field of view of a cylinder, mercator or sphere.
+    elevation
+        Vertical field of view of a cylinder, mercator or sphere: (low, high), degrees.
+    azimuth
+        Horizontal field of view of a cylinder, mercator or sphere: (low, high), degrees.
     projection
         Projection of a fisheye.
     interpolation
@@ -63,13 +62,13 @@ class ViewOptions(Options):
     antialias
         Average image pixels where the view is smaller than the image.
     mark
-        Hatch the pixels outside the calibrated field of view.
+        Hatch the pixels outside the calibrated field of view, where the camera model extrapolates.
     scale_camera
-        Scale the camera to the size of the images.
+        Scale the camera, if the images were resized after the calibration.
     name
         Name of the camera in a file of several, such as a rig.
     distance
-        Scene distance with its unit ("2m", "inf"), for the file of a non-central camera.
+        Scene distance with its unit (2m, or inf), for a non-central camera.
     apply_exif
         Rotate images by their EXIF orientation.
     """
@@ -84,8 +83,8 @@ class ViewOptions(Options):
     size: tuple[int, int] | None = None
     elevation: Range | None = None
     azimuth: Range | None = None
-    projection: FisheyeProjection = "equidistant"
-    interpolation: Interpolation | None = None
+    projection: Literal["equidistant", "equisolid", "stereographic", "orthographic"] = "equidistant"
+    interpolation: Literal["nearest", "bilinear", "bicubic", "lanczos"] | None = None
     antialias: bool = True
     mark: bool = False
     scale_camera: bool = False
@@ -99,7 +98,7 @@ class ViewOptions(Options):
         for name, angle in (("yaw", self.yaw), ("pitch", self.pitch or 0.0), ("roll", self.roll)):
             if not math.isfinite(angle):
                 raise ValueError(f"--{name} must be a number of degrees, got {angle}")
-        if self.to is not None and self.to not in PANORAMAS:
+        if self.to is not None and self.to not in PANORAMA_TYPES:
             for name in ("elevation", "azimuth"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"--{name} applies to cylinder, mercator and sphere; use --fov for a {self.to}")
@@ -107,7 +106,7 @@ class ViewOptions(Options):
             remedy = "its faces are 90 degrees wide" if self.to == "cube" else "use --azimuth"
             raise ValueError(f"--fov does not apply to a {self.to}; {remedy}")
 
-    def for_camera(self, camera: Camera) -> "ViewOptions":
+    def for_camera(self, camera: "Camera") -> "ViewOptions":
         """Return the options with the defaults for a camera: those of a mirror camera avoid the blind spot."""
         is_mirror = camera.theta_min > 0
         panorama = is_mirror and self.fov is None
@@ -125,29 +124,47 @@ class ViewOptions(Options):
         return dataclasses.replace(options, elevation=(low, high) if options.up == "back" else (-high, -low))
 
     @property
-    def view_from_source(self) -> Array:
+    def view_from_source(self) -> "NDArray[np.float64]":
         """Rotation (3, 3) from the source camera to the view."""
+        from omnisight.geometry.rotation import look  # imports numpy
+
         pitch = (-90.0 if self.to == "planet" else 0.0) if self.pitch is None else self.pitch
         return look(self.yaw, pitch, self.roll, up=self.up or "top", flip=self.flip)
 
 
-def view_target(options: ViewOptions) -> tuple[Camera, list[Array]]:
-    """Return the camera of a view and target_from_source: one rotation, or one for each face of a cube."""
-    rotation, size, to = options.view_from_source, options.size, options.to or "perspective"
-    fov = DEFAULT_FOV_DEG.get(to, 0.0) if options.fov is None else options.fov
-    side = min(size) if size else 1024
-    if to in PANORAMAS:
-        ranges = {"elevation": options.elevation, "azimuth": options.azimuth}
-        given: Any = {name: limits for name, limits in ranges.items() if limits is not None}
-        return PANORAMAS[to](size[0] if size else 2048, **given), [rotation]
-    match to:
-        case "perspective":
-            return perspective(size or (1280, 720), fov), [rotation]
-        case "panini":
-            return panini(size or (1280, 720), fov), [rotation]
-        case "planet":
-            return planet(side, fov), [rotation]
-        case "fisheye":
-            return fisheye(side, fov, options.projection), [rotation]
-        case _:
-            return cube_face(side), [cube_rotation(face, rotation) for face in CUBE_FACES]
+@dataclass(frozen=True, kw_only=True)
+class ViewMotion(Displayed):
+    """Options of the motion of a view.
+
+    Between keyframes the view moves smoothly, without overshooting; all columns but the time may be missing. `follow`
+    is the standard deviation of the Gaussian by which the orientation of the camera is smoothed.
+
+    Attributes
+    ----------
+    path
+        CSV file of keyframes of a moving view: time,yaw,pitch,roll,fov in seconds and degrees.
+    pan
+        (first, last) yaw, degrees, of a view that turns at constant speed during the clip.
+    stabilize
+        Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
+    follow
+        With --stabilize, follow the camera smoothly over this number of seconds, instead of keeping the direction.
+    """
+
+    path: Path | None = None
+    pan: tuple[float, float] | None = None
+    stabilize: Path | None = None
+    follow: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.path is not None and self.pan is not None:
+            raise ValueError("specify keyframes or a pan, not both: the keyframes contain the yaw")
+        if self.follow is not None and self.stabilize is None:
+            raise ValueError("--follow smooths the poses of --stabilize: specify their file too")
+        if self.follow is not None and not 0 < self.follow < math.inf:
+            raise ValueError(f"--follow is {self.follow:g}; choose a positive number of seconds")
+
+    @property
+    def moves(self) -> bool:
+        """Whether the view differs from frame to frame."""
+        return self.path is not None or self.pan is not None or self.stabilize is not None

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.pipeline.central_camera import fit_camera
-from omnisight.pipeline.view_options import ViewOptions, view_target
+from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.view_target import view_target
 from omnisight.views.cube import cube_cross
 from omnisight.views.maps import extrapolation_mask
 from omnisight.views.remapper import Remapper
