@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from omnisight.cache import MAX_COMPILED_FOLDERS
 from omnisight.compilation import watch_compilation
 from omnisight.compiled import cached_njit
 
@@ -74,6 +75,20 @@ def test_processes_and_threads_share_an_empty_cache(start, tmp_path):
     assert cache_hits(start(*TYPES)) == [len(TYPES), len(TYPES)]
     assert not (tmp_path / "numba").exists()
     assert not list(tmp_path.glob("__pycache__/*.nb?"))
+
+
+def test_code_of_old_versions_is_removed_when_that_of_a_new_one_is_stored(start, tmp_path):
+    for i in range(MAX_COMPILED_FOLDERS + 3):
+        (tmp_path / "cache" / f"loops-{i}").mkdir(parents=True)
+        os.utime(tmp_path / "cache" / f"loops-{i}", (i, i))
+    assert cache_hits(start("float64")) == [0, 0]
+    stored = {path.name for path in (tmp_path / "cache").iterdir()}
+    assert len(stored) == MAX_COMPILED_FOLDERS
+    assert stored >= {f"loops-{i}" for i in range(4, MAX_COMPILED_FOLDERS + 3)}
+    (new,) = stored - {f"loops-{i}" for i in range(MAX_COMPILED_FOLDERS + 3)}
+    os.utime(tmp_path / "cache" / new, (0, 0))
+    assert cache_hits(start("float64")) == [1, 1]
+    assert (tmp_path / "cache" / new).stat().st_mtime > 0
 
 
 def test_a_cache_that_cannot_be_written_is_no_error(start, tmp_path):

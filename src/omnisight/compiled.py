@@ -21,7 +21,7 @@ import numba.np.linalg
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.caching import _CacheLocator as CacheLocator  # pyright: ignore[reportPrivateUsage]
 
-from omnisight.cache import cache_folder
+from omnisight.cache import cache_folder, record_use, remove_old_code
 from omnisight.compilation import report_compilation
 
 # Time in which every function compiles; after it, a process no longer waits for another one.
@@ -92,6 +92,9 @@ def has_code(dispatcher: Any) -> bool:
     return Path(dispatcher._cache._cache_file._index_path).exists()
 
 
+_record_use = cache(record_use)  # once in a process
+
+
 class FolderCache(FunctionCache):
     """A cache of compiled functions in a folder; a folder that cannot be read or written is not an error.
 
@@ -136,7 +139,9 @@ class FolderCache(FunctionCache):
         report_compilation(self._name, None)
         self._lock = FileLock(self._folder / f"{self._impl.filename_base}.lock", timeout=MAX_COMPILATION_S)
         with contextlib.suppress(OSError, NotImplementedError, Timeout):
-            self._folder.mkdir(parents=True, exist_ok=True)
+            if not self._folder.exists():
+                self._folder.mkdir(parents=True, exist_ok=True)
+                remove_old_code()
             self._lock.acquire()
             stored = self._load(sig, target_context)
         if stored is not None:
@@ -151,7 +156,10 @@ class FolderCache(FunctionCache):
 
     def _load(self, sig: Any, target_context: Any) -> Any:
         with contextlib.suppress(OSError):
-            return super().load_overload(sig, target_context)
+            stored = super().load_overload(sig, target_context)
+            if stored is not None:
+                _record_use(self._folder)
+            return stored
         return None
 
     def _finish(self) -> None:

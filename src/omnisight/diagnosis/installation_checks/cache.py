@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from omnisight.cache import cache_folder
+from omnisight.cache import cache_folder, compiled_folders
 from omnisight.diagnosis.finding import Finding, Level
 from omnisight.images.output_paths import write_error
 
@@ -16,7 +16,8 @@ def check() -> Finding:
     """Check that compiled code and detections can be kept, and how much space they take."""
     folder = cache_folder()
     size, files = _size(folder)
-    figure = f"{folder}: {files} files, {size / 1e6:.0f} MB"
+    code = sum(_size(compiled)[0] for compiled in compiled_folders())
+    figure = f"{folder}: {files} files, {size / 1e6:.0f} MB, of which {code / 1e6:.0f} MB are compiled code"
     existing = next(parent for parent in (folder, *folder.parents) if parent.exists())
     if error := write_error(existing):
         advice = "set OMNISIGHT_CACHE to a folder that can be written: otherwise each run compiles again"
