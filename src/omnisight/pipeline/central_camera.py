@@ -39,11 +39,13 @@ def central_camera(
     ValueError
         If the camera is non-central and `distance` is missing or invalid, or central and `distance` is given.
     """
-    if isinstance(source, Camera | RayCamera):
-        return central_approximation(source, distance, "the camera", accepts_distance=accepts_distance)
-    camera = load(Path(source), name=name)
-    where = f"{source}, {name}" if name else str(source)
-    return central_approximation(camera, distance, where, accepts_distance=accepts_distance)
+    label = "the camera" if isinstance(source, Camera | RayCamera) else f"{source}, {name}" if name else str(source)
+    return central_approximation(load_camera(source, name), distance, label, accepts_distance=accepts_distance)
+
+
+def load_camera(source: AnyCameraSource, name: str | None = None) -> Camera | RayCamera:
+    """Return a camera, or that of a calibration file of any format."""
+    return source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
 
 
 def central_approximation(

@@ -6,10 +6,9 @@ from os import PathLike
 from pathlib import Path
 
 from omnisight.camera import Camera
-from omnisight.formats import load
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.camera_sources import AnyCameraSource
-from omnisight.pipeline.central_camera import central_approximation, fit_camera
+from omnisight.pipeline.central_camera import central_approximation, fit_camera, load_camera
 from omnisight.pipeline.compare_options import CompareOptions
 from omnisight.quality.camera_comparison import CameraComparison
 from omnisight.ray_camera import RayCamera
@@ -54,7 +53,7 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
 
 def _central(source: AnyCameraSource, name: str | None, options: CompareOptions, label: str) -> Camera:
     """Return the central camera of a source."""
-    camera = source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
+    camera = load_camera(source, name)
     distance = options.distance if isinstance(camera, RayCamera) else None
     return central_approximation(camera, distance, label)
 

@@ -1,14 +1,9 @@
 """Pose of a camera, or of one in a calibration file, from known points."""
 
-from os import PathLike
-from pathlib import Path
-
 from numpy.typing import ArrayLike
 
-from omnisight.camera import Camera
-from omnisight.formats import load
 from omnisight.optim.ransac import RansacOptions
-from omnisight.ray_camera import RayCamera
+from omnisight.pipeline.central_camera import AnyCameraSource, load_camera
 from omnisight.twoview import absolute_pose
 from omnisight.twoview.absolute_pose import AbsolutePose
 
@@ -20,12 +15,13 @@ def resect(
     sigma_deg: ArrayLike | None = None,
     options: RansacOptions = RansacOptions(),
     *,
-    camera: Camera | RayCamera | str | PathLike[str] | None = None,
+    camera: AnyCameraSource | None = None,
 ) -> AbsolutePose:
     """Estimate the pose of a camera from known points, such as those of an object, and where it sees them.
 
     LO-RANSAC with a P3P solver finds the inliers; the pose is then the maximum-likelihood estimate under a mixture of
-    Gaussian noise and outliers. Points may have any direction, also behind the camera; see `twoview.absolute_pose`.
+    Gaussian noise and outliers. Points may have any direction, also behind the camera. For a non-central camera, the
+    estimate is repeated with the bearings of the points from the camera origin until the pose does not change.
 
     Parameters
     ----------
@@ -50,6 +46,5 @@ def resect(
         If arrays have the wrong shape or do not hold pixels, directions, finite points and covariances, or the
         calibration file cannot be read.
     """
-    if isinstance(camera, str | PathLike):
-        camera = load(Path(camera))
+    camera = None if camera is None else load_camera(camera)
     return absolute_pose.resect(points, observed, covariance, sigma_deg, options, camera=camera)

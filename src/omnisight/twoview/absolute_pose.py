@@ -67,33 +67,9 @@ def resect(
     *,
     camera: Camera | RayCamera | None = None,
 ) -> AbsolutePose:
-    """Estimate the pose of a camera from known points, such as those of an object, and where it sees them.
+    """Estimate the pose of a camera from points (N, 3) and their pixels (N, 2) or bearings (N, 3).
 
-    LO-RANSAC with a P3P solver finds the inliers; the pose is then the maximum-likelihood estimate under a mixture of
-    Gaussian noise and outliers. Points may have any direction, also behind the camera. For a non-central camera, the
-    estimate is repeated with the bearings of the points from the camera origin until the pose does not change.
-
-    Parameters
-    ----------
-    points
-        (N, 3) points in the world frame, or in that of the object; for a non-central camera in its unit.
-    observed
-        (N, 2) their pixels, with `camera`; without, (N, 3) their directions in the camera frame. Pixels outside the
-        domain of the camera model are outliers.
-    covariance
-        Of the pixels (N, 2, 2) or (2, 2), px^2; or of the bearings (N, 3, 3), square radians.
-    sigma_deg
-        Standard deviation of the bearings, degrees, one or (N,), in place of covariances. Without both, the noise is
-        assumed to be isotropic and equal, of pixels or of bearings, and is estimated.
-    options
-        Options of the search, with the seed.
-    camera
-        The camera of the pixels.
-
-    Raises
-    ------
-    ValueError
-        If arrays have the wrong shape or do not hold pixels, directions, finite points and covariances.
+    `omnisight.resect` describes the parameters and the method; here a camera is not a file.
     """
     if camera is None:
         x, b, cov = _checked(points, observed, covariance, sigma_deg)
