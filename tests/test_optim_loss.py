@@ -1,7 +1,23 @@
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from omnisight.optim.loss import Huber, StudentT, robust_sigma
+from omnisight.optim.loss import NORMAL_MEDIAN, RAYLEIGH_MEDIAN, Huber, StudentT, geman_mcclure_weights, robust_sigma
+
+
+def test_the_medians_are_those_of_normal_distributions():
+    assert pytest.approx(norm.ppf(0.75), abs=1e-8) == NORMAL_MEDIAN
+    assert 1 - np.exp(-(RAYLEIGH_MEDIAN**2) / 2) == pytest.approx(0.5)
+
+
+def test_geman_mcclure_weight_is_the_derivative_of_half_the_loss_by_half_the_square():
+    def loss(square):
+        return 4.0 * square / (4.0 + square)
+
+    for square in (0.0, 0.5, 4.0, 100.0):
+        slope = (loss(square + 1e-6) - loss(square - 1e-6)) / 2e-6
+        assert geman_mcclure_weights(np.array([square]), 4.0)[0] == pytest.approx(slope, rel=1e-6)
+    assert geman_mcclure_weights(np.array([9.0]), np.inf)[0] == 1
 
 
 def test_huber_loss_is_quadratic_then_linear():

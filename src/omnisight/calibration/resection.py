@@ -10,6 +10,7 @@ from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
 from omnisight.optim.gauss_newton import NormalEquations, gauss_newton_batch
+from omnisight.optim.loss import geman_mcclure_weights
 from omnisight.optim.tolerances import COARSE_TOLERANCE
 from omnisight.targets.observations import Observations
 
@@ -144,7 +145,7 @@ def _refined(groups: "_Groups", poses: Poses) -> Poses:
         ) -> NormalEquations:
             current[0][views], current[1][views] = states
             squares = groups.squares((current[0], current[1]))
-            weights = groups.use * (scale / (scale + squares)) ** 2
+            weights = groups.use * geman_mcclure_weights(squares, scale)
             normal = chord_normal_equations(groups.points, groups.view, *current, groups.bearings, weights)
             cost = 0.5 * groups.sum(groups.use * scale * squares / (squares + scale))
             return NormalEquations(cost[views], normal[1][views], normal[0][views])
@@ -298,8 +299,7 @@ class _Groups:
 
     def weights(self, squares: Array) -> Array:
         """Return the Geman-McClure weights of squared chords (N,)."""
-        scale = self.scale(squares)
-        return self.use * (scale / (scale + squares)) ** 2
+        return self.use * geman_mcclure_weights(squares, self.scale(squares))
 
     def in_board_frame(self, frames: Array, translations: Array) -> Poses:
         """Return poses for board coordinates from near-rotations (V, 3, 3) and translations for local ones."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omnisight.calibration.estimation_options import Loss
 from omnisight.calibration.state import State, identity_whitening, residual_lengths
 from omnisight.display import Displayed
-from omnisight.optim.loss import robust_sigma
+from omnisight.optim.loss import RAYLEIGH_MEDIAN, robust_sigma
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def _whitening(lengths: Array, covariance: Array) -> Array:
     a, b, d = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     middle = 0.5 * (a + d)
     # A corner alone gives t^2 = |r|^2/(2 ln 2) - C; the median over the corners is robust.
-    shared = max(float(np.median(lengths**2 / (2 * np.log(2)) - middle)), MIN_SIGMA_PX**2)
+    shared = max(float(np.median((lengths / RAYLEIGH_MEDIAN) ** 2 - middle)), MIN_SIGMA_PX**2)
     a, d = a + shared, d + shared
     scale = np.median(middle) + shared
     # U of scale C^-1 = U^T U, upper triangular. The determinant of a corner uncertain along a line may round to < 0.

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Median length of a 2-vector of independent unit Gaussians (Rayleigh distribution).
-RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+# Median of the absolute value of a unit Gaussian, and of the length of a 2-vector of two (Rayleigh distribution).
+NORMAL_MEDIAN = 0.67448975
+RAYLEIGH_MEDIAN = float(np.sqrt(2 * np.log(2)))
 # Degrees of freedom among which those of residuals are selected, and rounds for the scale of each.
 DEGREES_OF_FREEDOM = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 20.0, 50.0, 1e9)
 SCALE_ROUNDS = 20
@@ -35,6 +36,15 @@ class Huber:
     def weight(self, length: Array) -> Array:
         """Return the weight of each residual in the normal equations."""
         return np.where(length > self.threshold, self.threshold / np.maximum(length, 1e-300), 1.0)
+
+
+def geman_mcclure_weights(squares: Array, scale2: Array | float) -> Array:
+    """Return the weights (1 + r^2/c^2)^-2, from 0 to 1, of squared residuals r^2 with the squared scale c^2.
+
+    They are those of the loss c^2 r^2 / (c^2 + r^2) / 2 (S. Geman, D. McClure, Statistical methods for tomographic
+    image reconstruction, 1987).
+    """
+    return 1 / (1 + squares / scale2) ** 2
 
 
 def robust_sigma(length: Array) -> float:
@@ -86,7 +96,7 @@ class StudentT:
 
 def _scale(squares: Array, degrees: float) -> float:
     """Return the scale of maximum likelihood for given degrees of freedom, by expectation maximization."""
-    square = float(np.median(squares)) / float(RAYLEIGH_MEDIAN) ** 2
+    square = float(np.median(squares)) / RAYLEIGH_MEDIAN**2
     for _ in range(SCALE_ROUNDS):
         square = float(np.mean((degrees + 2) / (degrees + squares / max(square, 1e-300)) * squares)) / 2
     return float(np.sqrt(square))

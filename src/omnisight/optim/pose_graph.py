@@ -10,6 +10,7 @@ from scipy.sparse.linalg import splu
 
 from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import minimize
+from omnisight.optim.loss import geman_mcclure_weights
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -143,7 +144,7 @@ class PoseGraph:
     def weights(self, state: Similarities) -> Array:
         """Return the weights (E,) of the edges, from 0 to 1."""
         squares = (self.residuals(state) ** 2).sum(axis=1)
-        return np.where(self.edges.may_be_wrong, 1 / (1 + squares / self.scale**2) ** 2, 1.0)
+        return np.where(self.edges.may_be_wrong, geman_mcclure_weights(squares, self.scale**2), 1.0)
 
     def linearize(self, state: Similarities) -> "LinearizedGraph":
         """Return the weighted residuals and their derivatives."""

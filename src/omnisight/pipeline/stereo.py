@@ -14,6 +14,7 @@ from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
+from omnisight.optim.loss import NORMAL_MEDIAN
 from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.options import StereoOptions
@@ -35,8 +36,6 @@ DISPARITY_SIGMA_PX = 0.2
 MAX_ROW_DIFFERENCE_PX, MAX_ROTATION_PX = 1.0, 1.0
 # Standard deviations by which the rotation of the rig must differ from that of the images to contradict it.
 ROTATION_SIGMA = 4.0
-# Quotient of the standard deviation and the median of the absolute value of a normal variable.
-SIGMA_OF_MEDIAN = 1.4826
 
 
 class RigCheck(NamedTuple):
@@ -241,7 +240,7 @@ def _check_rig(photos: tuple[Photo, Photo], pose: Pose, rectification: Rectifica
 
 def _disparity_sigma(check: RigCheck) -> float:
     """Return the standard deviation of disparities: errors of the calibration act along rows as well as across."""
-    return max(DISPARITY_SIGMA_PX, SIGMA_OF_MEDIAN * np.nan_to_num(check.row_px))
+    return max(DISPARITY_SIGMA_PX, np.nan_to_num(check.row_px) / NORMAL_MEDIAN)
 
 
 def _failure(photos: tuple[Photo, Photo], check: RigCheck, dense: DenseStereo) -> str:

@@ -17,6 +17,7 @@ from omnisight.features import Keypoints
 from omnisight.geometry import rotation as so3
 from omnisight.images import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.optim.loss import NORMAL_MEDIAN, robust_sigma
 from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
 from omnisight.sfm.head_problem import K1_MEAN, K1_SIGMA, K2_SIGMA, LENS_PARAMETERS, HeadProblem, lens_bearings, shifted
 from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
@@ -37,8 +38,6 @@ MIN_OVERLAP_MATCHES = 16
 MAX_FRAME_MATCHES = 400
 # Scale of the Cauchy loss, in standard deviations: its efficiency with normal errors is above 0.95.
 CAUCHY_SIGMA = 3.0
-# Quotient of the standard deviation and the median of the absolute value of a normal variable.
-SIGMA_OF_MEDIAN = 1.4826
 
 
 def calibrate_head(
@@ -111,7 +110,7 @@ def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
     """Return the problem with the standard deviations of its residuals."""
     cameras, rotation = problem.cameras(x), problem.turned(x)
     a, b = lens_bearings(cameras[0], problem.overlap.first), lens_bearings(cameras[1], problem.overlap.other)
-    sigma = float(np.median(np.linalg.norm(a @ rotation.T - b, axis=1)) / np.sqrt(2 * np.log(2)))
+    sigma = robust_sigma(np.linalg.norm(a @ rotation.T - b, axis=1))
     values = [
         problem.epipolar(
             so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
@@ -122,7 +121,7 @@ def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
         )
         for k, (turn, shift, lenses) in enumerate(problem.motions)
     ]
-    scale = SIGMA_OF_MEDIAN * float(np.median(np.abs(np.concatenate(values)))) if values else 1.0
+    scale = float(np.median(np.abs(np.concatenate(values)))) / NORMAL_MEDIAN if values else 1.0
     return dataclasses.replace(problem, sigma=max(sigma, 1e-4), motion_sigma=max(problem.motion_sigma * scale, 1e-4))
 
 
@@ -282,7 +281,7 @@ def _reweighted_rotation(a: Array, b: Array, rotation: Array) -> tuple[Array, fl
     sigma, weight = 0.0, np.ones(len(a))
     for _ in range(20):
         distance = np.linalg.norm(a @ rotation.T - b, axis=1)
-        sigma = max(float(np.median(distance) / np.sqrt(2 * np.log(2))), 1e-4)
+        sigma = max(robust_sigma(distance), 1e-4)
         weight = 1 / (1 + (distance / (CAUCHY_SIGMA * sigma)) ** 2)
         rotation = so3.nearest((b * weight[:, None]).T @ a)
     return rotation, sigma, weight

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, hstack, kron
 from scipy.sparse.linalg import spsolve
 
+from omnisight.optim.loss import geman_mcclure_weights
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 from omnisight.sfm.scale_averaging import ROUNDS
 
@@ -99,7 +100,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     outside = _reweighted(solve, support) if has_arms else support
     solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * outside))
     for scale in SCALES:
-        weights = support * (scale**2 / (scale**2 + residuals**2)) ** 2
+        weights = support * geman_mcclure_weights(residuals**2, scale**2)
         solution, residuals = solve(weights)
     positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
     if not has_arms:

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import spsolve
 
 from omnisight.geometry import rotation as so3
+from omnisight.optim.loss import geman_mcclure_weights
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 
 Array = NDArray[np.float64]
@@ -131,9 +132,9 @@ def _l1_weights(angles: Array, sigma: Array) -> Array:
 
 
 def _geman_mcclure_weights(angles: Array, sigma: Array, scale: float) -> Array:
-    """Return the weights of the Geman-McClure loss."""
-    noise = scale**2 + sigma**2
-    return noise / (noise + angles**2) ** 2
+    """Return the weights of the Geman-McClure loss, over the variances of the edges."""
+    variance = scale**2 + sigma**2
+    return geman_mcclure_weights(angles**2, variance) / variance
 
 
 def _noise_scale(angles: Array, sigma: Array) -> float:

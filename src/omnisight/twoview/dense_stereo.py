@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.display import Displayed
+from omnisight.optim.loss import NORMAL_MEDIAN
 from omnisight.twoview.rectification import Rectification
 from omnisight.twoview.triangulation import MIN_PARALLAX_SIGMA
 
@@ -30,8 +31,6 @@ EDGE_PX = 6
 MAX_BLOCK_SIGMA_PX = 0.25
 # Standard deviation of the noise of an image of integers.
 ROUNDING_SIGMA = 12**-0.5
-# Median of the absolute value of a normal variable.
-NORMAL_MEDIAN = 0.6745
 # Disparities below zero that are searched: the noise of points at infinity does not become a distance.
 BELOW_INFINITY_PX = 4
 # Images are matched in bands of rows. They extend by so many rows into their neighbours, and over the seam of images of

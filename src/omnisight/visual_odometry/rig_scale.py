@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.optim.loss import StudentT
+from omnisight.optim.loss import StudentT, robust_sigma
 from omnisight.visual_odometry.ray_observations import FrameRays
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ def estimate_rig_scale(rays: FrameRays, others: FrameRays, distances: Array) -> 
         information = float((weights * (gains**2).sum(axis=1)).sum())
         inverse = float((weights * (gains * values).sum(axis=1)).sum()) / max(information, 1e-300)
         squares = ((values - inverse * gains) ** 2).sum(axis=1)
-        weights = StudentT(DEGREES, max(float(np.sqrt(np.median(squares) / 1.39)), 1e-9)).weight(squares)
+        weights = StudentT(DEGREES, max(robust_sigma(np.sqrt(squares)), 1e-9)).weight(squares)
     sigma = 1.0 / np.sqrt(max(float((weights * (gains**2).sum(axis=1)).sum()), 1e-300))
     if not inverse > 0:
         return RigScale(float("inf"), float("nan"), len(rows))

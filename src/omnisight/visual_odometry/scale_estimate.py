@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.display import Displayed
+from omnisight.optim.loss import NORMAL_MEDIAN
 
 Array = NDArray[np.float64]
 
@@ -13,9 +14,8 @@ Array = NDArray[np.float64]
 MAX_RELATIVE_SIGMA = 0.1
 # Independent measurements from which the scatter is estimated.
 MIN_MEASUREMENTS = 4
-# Of a normal distribution: the standard deviation over the median absolute deviation, and that of the median of many
-# values over that of their mean.
-MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA = 1.4826, float(np.sqrt(np.pi / 2))
+# Of a normal distribution: the standard deviation of the median of many values over that of their mean.
+MEDIAN_TO_MEAN_SIGMA = float(np.sqrt(np.pi / 2))
 
 
 @dataclass(frozen=True)
@@ -55,5 +55,5 @@ class ScaleEstimate(Displayed):
 def robust_mean(values: Array) -> tuple[float, float]:
     """Return the median of values (N,), and its standard deviation for normal errors with outliers."""
     center = float(np.median(values))
-    scatter = MAD_TO_SIGMA * float(np.median(np.abs(values - center)))
+    scatter = float(np.median(np.abs(values - center))) / NORMAL_MEDIAN
     return center, MEDIAN_TO_MEAN_SIGMA * scatter / float(np.sqrt(max(len(values) - 1, 1)))

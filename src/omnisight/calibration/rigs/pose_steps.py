@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from omnisight.optim.loss import geman_mcclure_weights
+
 Array = NDArray[np.float64]
 
 POSE_DOF = 6
@@ -28,7 +30,7 @@ def robust_mean(steps: Array, information: Array, limit: float) -> Array:
     """Return the mean (6,) of steps (N, 6) with Geman-McClure weights of a scale, from their median."""
     mean = np.median(steps, axis=0)
     for _ in range(ROBUST_ROUNDS):
-        weights = (limit / (limit + squared_distances(steps, mean, information))) ** 2
+        weights = geman_mcclure_weights(squared_distances(steps, mean, information), limit)
         weighted = weights[:, None, None] * information
         mean = np.linalg.solve(weighted.sum(0), np.einsum("nij,nj->i", weighted, steps))
     return mean
