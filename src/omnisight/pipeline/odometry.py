@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -229,26 +229,12 @@ def _run(
     start = time.perf_counter()
     known = ScaleSources.of(options, len(sequence.files))
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
-    started, frames = start, 0
-    with ExitStack() as stack:
-        file = (
-            None
-            if output is None
-            else stack.enter_context(TrajectoryWriter.create(Path(output), _format(Path(output), options)))
-        )
-        # Ctrl-C is the usual end of a connected camera.
-        with nullcontext() if sequence.camera is None else suppress(KeyboardInterrupt):
-            for frame in sequence:
-                if frame.images:
-                    known.observe(tracking.add(frame.images, frame.seconds), tracking)
-                else:
-                    tracking.skip(frame.reason)
-                frames += 1
-                _write(file, tracking)
-                watch(tracking, frame)
-                started = time.perf_counter() if frames <= START_FRAMES else started
-        tracking.finish()
-        _write(file, tracking, frames)
+    with (
+        nullcontext()
+        if output is None
+        else TrajectoryWriter.create(Path(output), _format(Path(output), options)) as file
+    ):
+        frames, started = _track(sequence, tracking, known, file, watch)
     elapsed = time.perf_counter() - started
     closed = _close_loops(tracking, options, report)
     scaled = _in_metres(tracking, closed, known)
@@ -272,6 +258,27 @@ def _run(
         scale_warnings=scaled.warnings,
         dropped=None if sequence.camera is None else sequence.camera.dropped,
     )
+
+
+def _track(
+    sequence: FrameSequence, tracking: Odometry, known: ScaleSources, file: TrajectoryWriter | None, watch: Watch
+) -> tuple[int, float]:
+    """Track the frames of a sequence; return their number, and the time at which the first of them were processed."""
+    frames, started = 0, time.perf_counter()
+    # Ctrl-C is the usual end of a connected camera.
+    with nullcontext() if sequence.camera is None else suppress(KeyboardInterrupt):
+        for frame in sequence:
+            if frame.images:
+                known.observe(tracking.add(frame.images, frame.seconds), tracking)
+            else:
+                tracking.skip(frame.reason)
+            frames += 1
+            _write(file, tracking)
+            watch(tracking, frame)
+            started = time.perf_counter() if frames <= START_FRAMES else started
+    tracking.finish()
+    _write(file, tracking, frames)
+    return frames, started
 
 
 def _body(sources: CameraSources, sequence: FrameSequence, options: OdometryOptions) -> Rig | Camera:

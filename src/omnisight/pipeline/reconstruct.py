@@ -150,36 +150,21 @@ def reconstruct(
         raise ValueError(NEEDS_SCALE)
     task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
     detected, graph, maps = task.maps(detect_images(files, sources, options, progress, task.work))
-    names = sources.names or ("camera",)
-    changes = _focal_length_changes(maps, detected, names)
+    changes = _focal_length_changes(maps, detected, task.names)
     maps, georeferences = world.place(maps)
     if sources.ray_cameras:
         maps, georeferences = world.place([task.with_exact_rays(found, detected, graph) for found in maps])
-    exact = sources.ray_cameras or (None,) * len(names)
-    cameras = tuple(ray or central for ray, central in zip(exact, detected.cameras, strict=True))
-    body = Rig(cameras, (Pose(),) * len(names), names)
-    scene = files.names, detected.keypoints, detected.colors
-    models = list[Reconstruction]()
-    for found in maps:
-        progress("covariances", len(models), len(maps))
-        models.append(build_reconstruction(found, body, *scene, world.origin))
-    progress("covariances", len(models), len(maps))
-    registered = {name for model in models for name in model.names}
-    matched = {image for edge in graph.edges for image in edge.images}
-    unregistered = {
-        name: _reason(len(detected.keypoints[i]), len(files), has_edges=i in matched)
-        for i, name in enumerate(files.names)
-        if name not in registered
-    }
+    models = task.models(maps, detected, world.origin)
+    unregistered = _unregistered(files, models, detected, graph)
     return ReconstructionResult(
-        tuple(models),
+        models,
         len(files),
         unregistered,
         time.perf_counter() - start,
         peak_memory_bytes(),
         reason="" if models else next(iter(unregistered.values())),
         simultaneous=files.rule,
-        self_calibrated=tuple(name for name, guessed in zip(names, detected.is_guessed, strict=True) if guessed),
+        self_calibrated=tuple(name for name, guessed in zip(task.names, detected.is_guessed, strict=True) if guessed),
         focal_length_changes=changes,
         georeferences=georeferences,
     )
@@ -204,6 +189,11 @@ class _Task:
     options: ReconstructOptions
     progress: Progress
     work: WorkFolder
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the cameras."""
+        return self.sources.names or ("camera",)
 
     def maps(self, detected: DetectedImages) -> tuple[DetectedImages, ViewGraph, list[Map]]:
         """Map the images; with guessed cameras, repeat it with those of the map until their rays stay the same."""
@@ -271,6 +261,22 @@ class _Task:
         cameras, keypoints = self.sources.ray_cameras, detected.keypoints
         return refine_with_ray_cameras(found, cameras, keypoints, graph.edges, lambda done: watch(done, done))
 
+    def models(
+        self, maps: Sequence[Map], detected: DetectedImages, origin: tuple[float, float, float] | None
+    ) -> tuple[Reconstruction, ...]:
+        """Return the models of maps with the covariances of their poses."""
+        exact = self.sources.ray_cameras or (None,) * len(self.names)
+        cameras = tuple(ray or central for ray, central in zip(exact, detected.cameras, strict=True))
+        body = Rig(cameras, (Pose(),) * len(cameras), self.names)
+        models = list[Reconstruction]()
+        for found in maps:
+            self.progress("covariances", len(models), len(maps))
+            models.append(
+                build_reconstruction(found, body, self.files.names, detected.keypoints, detected.colors, origin)
+            )
+        self.progress("covariances", len(models), len(maps))
+        return tuple(models)
+
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""
         selecting, are_many = partial(self.progress, "selecting pairs"), len(keypoints) > MAX_EXHAUSTIVE
@@ -308,6 +314,19 @@ def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Seque
     together = [(edge.a, edge.b) for edge in edges if images.frame[edge.a] == images.frame[edge.b]]
     others = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
     return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose).edges
+
+
+def _unregistered(
+    files: ImageSet, models: Sequence[Reconstruction], detected: DetectedImages, graph: ViewGraph
+) -> dict[str, str]:
+    """Return the names of the images that are in no model, with the reason."""
+    registered = {name for model in models for name in model.names}
+    matched = {image for edge in graph.edges for image in edge.images}
+    return {
+        name: _reason(len(detected.keypoints[i]), len(files), has_edges=i in matched)
+        for i, name in enumerate(files.names)
+        if name not in registered
+    }
 
 
 def _reason(keypoints: int, images: int, *, has_edges: bool) -> str:
