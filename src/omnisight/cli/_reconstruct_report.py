@@ -124,7 +124,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
 
 
 def weaknesses(model: Reconstruction) -> list[str]:
-    """Return what makes the poses of a model doubtful, and what to do."""
+    """Return what makes the poses of a model uncertain, and what to do."""
     found: list[str] = []
     if model.mean_track_length < WEAK_TRACK_LENGTH:
         found.append(

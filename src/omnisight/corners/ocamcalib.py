@@ -66,7 +66,7 @@ def _fields(variables: dict[str, Any]) -> dict[str, Any] | None:
 
 def _size(fields: dict[str, Any], variables: dict[str, Any]) -> tuple[int, int]:
     """Return the image size, (0, 0) if unknown."""
-    for place in (fields, fields.get("ocam_model"), variables, variables.get("ocam_model")):
-        if isinstance(place, dict) and place.get("width") and place.get("height"):
-            return image_size(place["width"][0], place["height"][0])
+    for record in (fields, fields.get("ocam_model"), variables, variables.get("ocam_model")):
+        if isinstance(record, dict) and record.get("width") and record.get("height"):
+            return image_size(record["width"][0], record["height"][0])
     return (0, 0)

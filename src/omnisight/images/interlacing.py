@@ -9,7 +9,7 @@ Bytes = NDArray[np.uint8]
 MIN_STEP = 8
 # Share of the pixels at a comb above which a frame is interlaced, and its ratio to that of a comb of columns, which
 # noise and fine textures have too. Of 250 progressive images, those above the first limit have a ratio of at most 4.5;
-# an interlaced image of a board that was moved by hand has 1 % of the pixels and a ratio of 35.
+# an interlaced image of a moving hand-held board has 1 % of the pixels and a ratio of 35.
 MIN_COMB_SHARE = 0.002
 MIN_ROW_TO_COLUMN_RATIO = 8.0
 

@@ -54,7 +54,7 @@ class Projector(Parameterized):
 
     @property
     def fold_angle(self) -> float:
-        """Angle from the axis (radians) at which the image folds over; `theta_max` unless the model ends earlier."""
+        """Angle from the axis (radians) up to which the projection is injective, at most `theta_max`."""
         return self.theta_max
 
     @property

@@ -59,7 +59,7 @@ class Fisheye624(TangentialPrismDistortion, ThetaPolynomial):
     x' = x + 2 p2 x y + p1 (r^2 + 2 x^2) + s1 r^2 + s2 r^4
     y' = y + p2 (r^2 + 2 y^2) + 2 p1 x y + s3 r^2 + s4 r^4
 
-    Valid up to the angle where r stops increasing or the plane folds over.
+    Valid while r increases and the planar distortion is injective.
     """
 
     auto_max_theta: ClassVar[float] = 0.0

@@ -76,7 +76,7 @@ class Ocam(ProfileCamera):
 
     @cached_property
     def fold(self) -> float:
-        """The radius (px) where theta(r) stops increasing and the image folds over; inf if it never does."""
+        """The radius (px) where theta(r) stops increasing, beyond which it is not injective; inf if it never does."""
         return first_positive_root(self.slope_polynomial())
 
     def slope_polynomial(self) -> list[float]:

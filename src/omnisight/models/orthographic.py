@@ -14,7 +14,7 @@ from omnisight.models._projector import Array
 
 @dataclass(frozen=True)
 class Orthographic(ProfileCamera):
-    """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, where the image folds over."""
+    """Orthographic fisheye: r = sin(theta). Valid for theta < 90 degrees, beyond which it is not injective."""
 
     auto_max_theta: ClassVar[float] = 0.0
 

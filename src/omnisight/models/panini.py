@@ -34,7 +34,7 @@ class Panini(CameraModel):
     d: float = parameter("distance of the eye behind the axis, in radii", low=0.0, default=1.0)
 
     def projection_constants(self) -> dict[str, Any]:
-        # Just inside: at the limit itself the image is infinitely wide, or folds over.
+        # Just inside: at the limit itself the image is infinitely wide, or not injective.
         limit = -self.d if self.d <= 1 else -1 / self.d
         return {"cos_min": limit + 1e-6, "cos_back": limit}
 

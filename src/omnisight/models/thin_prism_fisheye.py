@@ -52,7 +52,7 @@ class ThinPrismFisheye(ThinPrismDistortion, EquidistantProfile):
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + p1 (r^2 + 2 y^2) + 2 p2 x y + s2 r^2
 
-    Valid up to the angle where the plane folds over, below 180 degrees. As COLMAP writes Weng, Cohen and Herniou's
+    Valid while the planar distortion is injective, below 180 degrees. As COLMAP writes Weng, Cohen and Herniou's
     distortion (Camera calibration with distortion models and accuracy evaluation, PAMI 1992) for fisheyes.
     """
 

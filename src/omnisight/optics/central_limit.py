@@ -46,7 +46,7 @@ class CentralLimit(CameraModel):
 
     @property
     def fold_angle(self) -> float:
-        """Angle from the axis (radians) at which the image folds over; `theta_max` unless the model ends earlier."""
+        """Angle from the axis (radians) up to which the projection is injective, at most `theta_max`."""
         return self.rays.fold_angle
 
     @property

@@ -93,7 +93,7 @@ class SeedRays:
         for first in range(0, len(points), step):
             part = slice(first, first + step)
             x = points[part]
-            # In place, because these are the largest arrays.
+            # In rank, because these are the largest arrays.
             along, distance2 = x @ b.T, x @ (-2 * o.T)
             along -= ob
             distance2 += (x * x).sum(-1, keepdims=True)
@@ -124,10 +124,10 @@ class SeedRays:
         point, ray = np.nonzero((peak & (grid > -np.inf)).reshape(len(score), -1))
         order = np.lexsort((-grid.reshape(len(score), -1)[point, ray], point))
         point, ray = point[order], ray[order]
-        place = np.arange(len(point)) - np.searchsorted(point, point)
+        rank = np.arange(len(point)) - np.searchsorted(point, point)
         first = np.searchsorted(point, np.arange(len(score)))
         best = np.repeat(ray[first][None], count, 0)
-        best[place[place < count], point[place < count]] = ray[place < count]
+        best[rank[rank < count], point[rank < count]] = ray[rank < count]
         return best
 
 

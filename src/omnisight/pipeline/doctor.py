@@ -90,7 +90,7 @@ def doctor(
 def _examine(
     sequence: FrameSequence, source: AnyCameraSource | None, options: DoctorOptions, report: Progress
 ) -> Recording:
-    """Measure runs of consecutive images, spread over a sequence."""
+    """Measure runs of consecutive images, distributed over a sequence."""
     camera, reason = _camera(source, sequence, options)
     mask = None if options.mask is None else read_mask(options.mask, sequence.size)
     recording = Recording(camera, reason, mask)
@@ -117,7 +117,7 @@ def _camera(
 
 
 def _spread(count: int, wanted: int) -> range | list[int]:
-    """Return indices of runs of consecutive images, evenly spread over a sequence; of all if it is short."""
+    """Return indices of runs of consecutive images, evenly distributed over a sequence; of all if it is short."""
     if count <= wanted:
         return range(count or wanted)
     starts = np.linspace(0, count - RUN, max(wanted // RUN, 1)).astype(int)

@@ -15,7 +15,7 @@ class DoctorOptions(SequenceOptions):
     mask
         Image that is white where the images may be used, such as without the vehicle.
     images
-        Number of images to examine, in runs of eight that are spread over the recording.
+        Number of images to examine, in runs of eight that are distributed over the recording.
     """
 
     mask: Path | None = None

@@ -101,15 +101,15 @@ def _has_images(folder: Path) -> bool:
 
 def _camera_of(path: Path, cameras: Sequence[str]) -> int:
     """Return the camera whose name is nearest to the end of a path."""
-    places = [
+    name_ends = [
         max((match.end() for match in _words(path.with_suffix("").as_posix(), name)), default=-1) for name in cameras
     ]
-    if max(places) < 0:
+    if max(name_ends) < 0:
         example = f"{cameras[0]}/1.jpg or {cameras[0]}_1.jpg"
         raise ValueError(
             f"{path}: belongs to none of the cameras {', '.join(cameras)}: name it like {example}, or leave it out"
         )
-    return int(np.argmax(places))
+    return int(np.argmax(name_ends))
 
 
 def _words(text: str, name: str) -> Iterable[re.Match[str]]:

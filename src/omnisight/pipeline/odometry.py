@@ -229,18 +229,15 @@ def _run(
     start = time.perf_counter()
     known = ScaleSources.of(options, len(sequence.files))
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
-    with (
-        nullcontext()
-        if output is None
-        else TrajectoryWriter.create(Path(output), _format(Path(output), options)) as file
-    ):
+    path = None if output is None else Path(output)
+    with nullcontext() if path is None else TrajectoryWriter.create(path, _format(path, options)) as file:
         frames, started = _track(sequence, tracking, known, file, watch)
     elapsed = time.perf_counter() - started
     closed = _close_loops(tracking, options, report)
     scaled = _in_metres(tracking, closed, known)
     # A pipe or a device holds the poses of tracking.
-    if (options.loops or scaled.scale) and output is not None and Path(output).is_file():
-        replace_trajectory(Path(output), _format(Path(output), options), scaled.poses, frames)
+    if (options.loops or scaled.scale) and path is not None and path.is_file():
+        replace_trajectory(path, _format(path, options), scaled.poses, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(
         trajectory=scaled.poses,

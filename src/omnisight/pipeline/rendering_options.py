@@ -62,7 +62,7 @@ class RenderingOptions(Options):
     frames
         Maximum number of images: 60, or all poses of a file.
     fps
-        Images per second. By default the images are spread over the motion, or have the timestamps of a file.
+        Images per second. By default the images are distributed over the motion, or have the timestamps of a file.
     rays
         Rays per pixel: 1, 4, 9 or 16.
     exposure

@@ -14,7 +14,7 @@ def new_figure(*, width: float = WIDTH, height: float = HEIGHT) -> Any:
         If matplotlib is not installed.
     """
     try:
-        # The import tells notebooks how to show figures; a figure of pyplot itself would be shown twice.
+        # The import registers the display of figures in notebooks; a figure of pyplot itself would be shown twice.
         import matplotlib.pyplot  # noqa: F401  # pyright: ignore[reportUnusedImport]
         from matplotlib.figure import Figure
     except ImportError:

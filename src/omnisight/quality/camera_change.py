@@ -29,7 +29,7 @@ from omnisight.targets.observations import Observations
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Views of each of the two cameras: three determine one, and a fourth tells whether it is right.
+# Views of each of the two cameras: three determine one, and a fourth tests it.
 MIN_VIEWS_EACH = 4
 # Decrease of the criterion that is very strong evidence (Kass and Raftery, Bayes factors, Journal of the American
 # Statistical Association 90, 1995).

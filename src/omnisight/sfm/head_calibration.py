@@ -206,8 +206,8 @@ def _motions(
         )
         if len(before) < 50 or np.median(np.linalg.norm(before - after, axis=1)) < np.radians(0.5):
             continue
-        spread = np.broadcast_to(np.eye(3) * np.radians(0.1) ** 2, (len(before), 3, 3))
-        pose = estimate_relative_pose(BearingPairs.of(before, after, spread, spread, None))
+        assumed = np.broadcast_to(np.eye(3) * np.radians(0.1) ** 2, (len(before), 3, 3))
+        pose = estimate_relative_pose(BearingPairs.of(before, after, assumed, assumed, None))
         if pose.b_from_a is None or pose.inliers.sum() < 50:
             continue
         split = np.split(pose.inliers, [len(lenses[0][0])])

@@ -255,16 +255,16 @@ def _write_array(path: Path, values: NDArray[Any]) -> None:
 def _clear(folder: Path) -> None:
     """Remove the files of an older data set, and nothing else."""
     cameras = [child for child in folder.iterdir() if all((child / name).is_dir() for name in FOLDERS)]
-    for place in (*cameras, folder):
+    for parent in (*cameras, folder):
         for name in (*FOLDERS, MASK_FOLDER):
-            for path in (place / name).glob("[0-9]" * 6 + ".*"):
+            for path in (parent / name).glob("[0-9]" * 6 + ".*"):
                 if path.suffix in (".png", ".jpg", ".npy"):
                     path.unlink()
-            _remove_if_empty(place / name)
+            _remove_if_empty(parent / name)
         for name in FILES:
-            (place / name).unlink(missing_ok=True)
+            (parent / name).unlink(missing_ok=True)
         for name in FILE_FOLDERS:
-            _remove_if_empty(place / name)
+            _remove_if_empty(parent / name)
     for camera in cameras:
         _remove_if_empty(camera)
 

@@ -42,19 +42,19 @@ motion/      sensors in the body frame, that of the rig or of the single camera;
 
 def write_motion_sensors(folder: Path, measurements: MotionMeasurements, sensors: MotionSensors) -> None:
     """Write the measurements into the subfolder `motion` of a data set."""
-    place = folder / FOLDER
-    place.mkdir(exist_ok=True)
+    measurements_folder = folder / FOLDER
+    measurements_folder.mkdir(exist_ok=True)
     if (imu := measurements.imu) is not None:
-        write_bytes(place / "imu.csv", imu_table(imu))
+        write_bytes(measurements_folder / "imu.csv", imu_table(imu))
         biases = np.column_stack([imu.gyroscope_bias, imu.accelerometer_bias])
-        write_bytes(place / "imu_biases.csv", table(BIAS_HEADER, imu.times, biases))
-        write_bytes(place / "imu.yaml", _imu_yaml(sensors))
+        write_bytes(measurements_folder / "imu_biases.csv", table(BIAS_HEADER, imu.times, biases))
+        write_bytes(measurements_folder / "imu.yaml", _imu_yaml(sensors))
     if (odometry := measurements.odometry) is not None:
         values = np.column_stack([odometry.speed, odometry.yaw_rate])
-        write_bytes(place / "odometry.csv", table(ODOMETRY_HEADER, odometry.times, values))
+        write_bytes(measurements_folder / "odometry.csv", table(ODOMETRY_HEADER, odometry.times, values))
     if (gnss := measurements.gnss) is not None:
         values = np.column_stack([gnss.geodetic, np.tile(gnss.sigma, (len(gnss.times), 1))])
-        write_bytes(place / "gnss.csv", table(GNSS_HEADER, gnss.times, values))
+        write_bytes(measurements_folder / "gnss.csv", table(GNSS_HEADER, gnss.times, values))
 
 
 def imu_table(imu: ImuMeasurements) -> bytes:

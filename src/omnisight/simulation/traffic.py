@@ -21,7 +21,7 @@ def placed(solids: Sequence[Solid], pose: Pose, name: str) -> list[Solid]:
 
 @dataclass(frozen=True)
 class ParkingSpot:
-    """A place where a car may stand.
+    """A position where a car may stand.
 
     Attributes
     ----------

@@ -156,7 +156,7 @@ class Camera(nn.Module):
         if code is not None and not any(map(has_derivative, (rotation, *parameters))):
             return code.view_map(project, unproject, rotation.mT, target.size, self._bounds)
         bearings, seen = target.unproject(target.grid(rotation.dtype))
-        # Without NaN, which would spread to the derivative of the rotation.
+        # Without NaN, which would propagate to the derivative of the rotation.
         bearings = torch.where(seen[..., None], bearings, 0.0) @ rotation.unsqueeze(-3)
         pixels, valid = self.project(bearings)
         return pixels, valid & seen & self._bounds.contain(*pixels.unbind(-1))

@@ -77,7 +77,7 @@ class Formula:
     def evaluate(self, array: Tensor, parameters: Sequence[Tensor]) -> tuple[Tensor, Tensor]:
         """Return pixels or bearings, NaN where not valid, and their validity (...), with derivatives.
 
-        Derivatives at points outside the domain may be NaN, which would spread to the parameters: a first pass finds
+        Derivatives at points outside the domain may be NaN, which would propagate to the parameters: a first pass finds
         the valid points, and a second one with derivatives replaces the others.
         """
         traced = any(map(is_traced, (array, *parameters)))

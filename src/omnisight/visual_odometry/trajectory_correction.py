@@ -45,8 +45,8 @@ def correct_trajectory(
     rotation = ends[0].rotation @ so3.exp(share * turn)
     position = ends[0].position + share * (ends[1].position - ends[0].position)
     return tuple(
-        replace(pose, rig_from_world=Pose(turned, place).inverse())
-        for pose, turned, place in zip(trajectory, rotation, position, strict=True)
+        replace(pose, rig_from_world=Pose(turned, moved).inverse())
+        for pose, turned, moved in zip(trajectory, rotation, position, strict=True)
     )
 
 

@@ -13,7 +13,7 @@ from omnisight.calibration.lines.pixel_chains import MIN_CHAIN_PIXELS
 
 Array = NDArray[np.float64]
 
-# Larger files are not drawn by hand; reading them could exhaust the memory.
+# Larger files are not drawn manually; reading them could exhaust the memory.
 MAX_FILE_BYTES = 50_000_000
 # Larger coordinates are errors of the file.
 MAX_PIXEL = 1e6

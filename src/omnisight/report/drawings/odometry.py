@@ -46,10 +46,10 @@ class OdometryDrawing:
         known = _numbers_with_points(tracking)
         for number in self._tracks[-1] if self._tracks else ():
             color = GREEN if number in known else YELLOW
-            places = [frame[number] for frame in self._tracks if number in frame]
-            if len(places) > 1:
-                canvas.polyline(places, color)
-            canvas.dots([places[-1]], color)
+            track = [frame[number] for frame in self._tracks if number in frame]
+            if len(track) > 1:
+                canvas.polyline(track, color)
+            canvas.dots([track[-1]], color)
         return np.concatenate([np.asarray(canvas.pixels, np.uint8), draw_path(tracking, canvas.pixels.shape[0])], 1)
 
 
@@ -66,29 +66,29 @@ def draw_path(tracking: Odometry, height: int) -> NDArray[np.uint8]:
     side = max((high - low).max(), MIN_EXTENT) * (1 + 2 * MARGIN)
     middle, scale = (low + high) / 2, height / side
 
-    def positions(places: Array) -> Any:
-        flipped = (places - middle) * (1, -1) * scale + np.array(panel.shape[1::-1]) / 2
+    def on_panel(positions: Array) -> Any:
+        flipped = (positions - middle) * (1, -1) * scale + np.array(panel.shape[1::-1]) / 2
         return np.rint(flipped * 16).astype(np.int32)
 
     points = tracking.points[:, [0, 2]]
     near = points[np.abs(points - middle).max(axis=1) < POINT_RANGE * side]
-    for position in positions(near):
+    for position in on_panel(near):
         cv2.circle(panel, position, 16, POINT_COLOR, -1, cv2.LINE_AA, 4)
-    cv2.polylines(panel, [positions(centers)], False, BLUE, 2, cv2.LINE_AA, 4)
-    cv2.circle(panel, positions(centers[-1:])[0], 6 * 16, WHITE, -1, cv2.LINE_AA, 4)
-    _draw_heading(panel, tracking, positions, side)
+    cv2.polylines(panel, [on_panel(centers)], False, BLUE, 2, cv2.LINE_AA, 4)
+    cv2.circle(panel, on_panel(centers[-1:])[0], 6 * 16, WHITE, -1, cv2.LINE_AA, 4)
+    _draw_heading(panel, tracking, on_panel, side)
     _draw_scale(panel, scale)
     return panel
 
 
-def _draw_heading(panel: NDArray[np.uint8], tracking: Odometry, positions: Any, side: float) -> None:
+def _draw_heading(panel: NDArray[np.uint8], tracking: Odometry, on_panel: Any, side: float) -> None:
     """Draw where the camera looks."""
     import cv2
 
     world_from_rig = tracking.trajectory[-1].rig_from_world.inverse()
     center = world_from_rig.translation[[0, 2]]
     ahead = center + 0.06 * side * world_from_rig.rotation[[0, 2], 2]
-    start, end = positions(np.array([center, ahead]))
+    start, end = on_panel(np.array([center, ahead]))
     cv2.line(panel, start, end, WHITE, 2, cv2.LINE_AA, 4)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Half the contrast, in gray levels, below which a pattern cannot be told from noise: a two-tone window of this
+# Half the contrast, in gray levels, below which a pattern cannot be distinguished from noise: a two-tone window of this
 # amplitude has a variance of its square.
 MIN_AMPLITUDE = 3.0
 # Standard deviation of the blur, px: below, pixels hide it; above, no window holds both sides of an edge.

@@ -120,7 +120,7 @@ def _without_empty_lines(measured: MeasuredLattice) -> MeasuredLattice:
 
 
 def _without_sparse_lines(gray: NDArray[np.uint8], measured: MeasuredLattice) -> MeasuredLattice:
-    """Return the part without outer lines of which less than half is present; invisible places do not count."""
+    """Return the part without outer lines of which less than half is present; invisible corners do not count."""
     present = measured.present
     if not present.any():
         return measured.part(slice(0), slice(0))
@@ -147,12 +147,12 @@ def _outer_lines(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], ...]:
 def _is_hidden(gray: NDArray[np.uint8], measured: MeasuredLattice) -> NDArray[np.bool_]:
     """Return which missing corners (rows, columns) are off the image, or in the dark outside of the image circle."""
     lattice = measured.pixels
-    place = lattice
+    filled = lattice
     for _ in range(3):  # a line with few corners left is extrapolated from one predicted corner to the next
-        place = np.where(np.isfinite(place), place, predictions(place))
-    column, row = steps(place)
-    around = np.stack([place + s * column + t * row for s in (-0.3, 0.3) for t in (-0.3, 0.3)])
+        filled = np.where(np.isfinite(filled), filled, predictions(filled))
+    column, row = steps(filled)
+    around = np.stack([filled + s * column + t * row for s in (-0.3, 0.3) for t in (-0.3, 0.3)])
     dark = bilinear(gray, around).max(axis=0) < MAX_LEVEL_DIFFERENCE * 2 * np.nanmedian(np.abs(measured.amplitude))
     size = np.array(gray.shape[::-1])
-    outside = ((place < BORDER_PX) | (place > size - 1 - BORDER_PX)).any(axis=-1)
+    outside = ((filled < BORDER_PX) | (filled > size - 1 - BORDER_PX)).any(axis=-1)
     return np.isnan(lattice[..., 0]) & (outside | dark)

@@ -102,13 +102,13 @@ def _paper_cells(gray: NDArray[np.uint8], cells: Cells, centres: Array, matrices
     near = np.unique((cells[:, None] + [(1, 0), (-1, 0), (0, 1), (0, -1)]).reshape(-1, 2), axis=0)
     near = near[~(near[:, None] == cells).all(axis=2).any(axis=1)]
     known = cells.astype(np.float64)
-    places = local_map(known, centres, np.ones(len(known)), near.astype(np.float64), 1.0).pixels
-    inside = _is_inside(gray, places, np.zeros(2))
-    near, places = near[inside], places[inside]
+    near_pixels = local_map(known, centres, np.ones(len(known)), near.astype(np.float64), 1.0).pixels
+    inside = _is_inside(gray, near_pixels, np.zeros(2))
+    near, near_pixels = near[inside], near_pixels[inside]
     if not len(near):
         return near
     # Dark and bright are those of the nearest disc: its centre, and its surround, a third of a radius outside.
-    nearest = np.linalg.norm(centres - places[:, None], axis=2).argmin(axis=1)
+    nearest = np.linalg.norm(centres - near_pixels[:, None], axis=2).argmin(axis=1)
     turn = np.arange(8) * (np.pi / 4)
     rim = 1.3 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     smooth = gray.astype(np.float32)
@@ -116,7 +116,7 @@ def _paper_cells(gray: NDArray[np.uint8], cells: Cells, centres: Array, matrices
     outlines = rim @ np.swapaxes(matrices[nearest], 1, 2)
     bright = np.median(bilinear(smooth, centres[nearest, None] + outlines), axis=1)
     # All over where a disc would be: what is dark there may be a missed disc, an obstacle, or the image circle's edge.
-    seen = np.median(bilinear(smooth, places[:, None] + 0.4 * outlines), axis=1)
+    seen = np.median(bilinear(smooth, near_pixels[:, None] + 0.4 * outlines), axis=1)
     return near[seen > (dark + bright) / 2]
 
 

@@ -200,8 +200,8 @@ def _in_spacings(cells: Cells, board: CircleGrid, quarters: int, mirrored: bool)
     return np.stack([x, y], axis=1)
 
 
-def _ids(places: Cells, board: CircleGrid) -> Cells:
-    x, y = places.T
+def _ids(cells: Cells, board: CircleGrid) -> Cells:
+    x, y = cells.T
     steps = 2 if board.is_staggered else 1
     inside = (x >= 0) & (x < steps * board.columns) & (y >= 0) & (y < board.rows)
     return np.where(inside, y * board.columns + x // steps, -1)
