@@ -146,7 +146,8 @@ class ViewMotion(Displayed):
     pan
         (first, last) yaw, degrees, of a view that turns at constant speed during the clip.
     stabilize
-        Poses of the camera (TUM format, such as of omnisight odometry): the view keeps its direction in the world.
+        Poses of the camera (TUM format, such as those of omnisight odometry): the view keeps its direction in the
+        world.
     follow
         With --stabilize, follow the camera smoothly over this number of seconds, instead of keeping the direction.
     """
