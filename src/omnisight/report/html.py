@@ -2,7 +2,10 @@
 
 import html
 import math
+from pathlib import Path
 from typing import Any
+
+from omnisight.images import write_bytes
 
 # Elements without content and end tag.
 VOID_ELEMENTS = frozenset({"meta", "br", "input"})
@@ -54,6 +57,18 @@ def table(columns: tuple[str, ...], rows: list[Markup], *, caption: str | None =
         class_=class_ or None,
     )
     return element("div", content, class_="scroll")
+
+
+def write_html(path: str | Path, text: str) -> None:
+    """Write a page atomically.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    # File names that are not valid UTF-8 contain lone surrogates.
+    write_bytes(path, text.encode("utf-8", "replace"))
 
 
 def _attribute(name: str, value: Any) -> str:

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from omnisight.images import write_bytes
 from omnisight.pipeline.calibration import Calibration
-from omnisight.report.html import Markup, element, join
+from omnisight.report.html import Markup, element, join, write_html
 from omnisight.report.json_data import json_element, to_dict
 from omnisight.report.page_frame import Page, render
 from omnisight.report.report_data import ReportData, ReportOptions
@@ -61,8 +60,7 @@ def write_report(calibration: Calibration, path: str | Path, options: ReportOpti
         If the file cannot be written.
     """
     text = render_page(ReportData(calibration, options))
-    # File names that are not valid UTF-8 contain lone surrogates.
-    write_bytes(path, text.encode("utf-8", "replace"))
+    write_html(path, text)
 
 
 def render_page(data: ReportData) -> str:

@@ -4,8 +4,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
-from omnisight.images import write_bytes
-from omnisight.report.html import Markup, element
+from omnisight.report.html import Markup, element, write_html
 from omnisight.report.security_policy import security_policy
 from omnisight.report.viewer_data import viewer_data
 from omnisight.sfm.reconstruction import Reconstruction
@@ -42,8 +41,7 @@ def write_viewer(path: str | Path, reconstruction: Reconstruction, images: str |
         If the file cannot be written.
     """
     text = render_viewer(reconstruction, None if images is None else Path(images))
-    # File names that are not valid UTF-8 contain lone surrogates.
-    write_bytes(path, text.encode("utf-8", "replace"))
+    write_html(path, text)
 
 
 def render_viewer(reconstruction: Reconstruction, images: Path | None) -> str:

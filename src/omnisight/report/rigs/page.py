@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from omnisight.images import write_bytes
 from omnisight.pipeline.rig_calibration import RigCalibration
-from omnisight.report.html import join
+from omnisight.report.html import join, write_html
 from omnisight.report.json_data import json_element
 from omnisight.report.page_frame import Page, render
 from omnisight.report.report_data import ReportOptions
@@ -45,8 +44,7 @@ def write_rig_report(calibration: RigCalibration, path: str | Path, options: Rep
         If the file cannot be written.
     """
     text = render_rig_page(RigReportData(calibration, options))
-    # File names that are not valid UTF-8 contain lone surrogates.
-    write_bytes(path, text.encode("utf-8", "replace"))
+    write_html(path, text)
 
 
 def render_rig_page(data: RigReportData) -> str:
