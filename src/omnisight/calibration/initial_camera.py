@@ -7,7 +7,7 @@ import numpy as np
 from omnisight.calibration.bundle_adjustment import refine
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.multistart import convert, low_discrepancy
-from omnisight.calibration.resection import MAX_COMPARED_PX, reresect, resect, resect_linear
+from omnisight.calibration.resection import MAX_COMPARED_PX, reresect, resect, resect_linear_each
 from omnisight.calibration.residual_weights import ResidualWeights
 from omnisight.calibration.state import State
 from omnisight.models import CameraModel, Projector, initial_models
@@ -45,7 +45,7 @@ def estimate_initial_camera(observations: Observations) -> State:
     if len(observations) > VIEWS[-1]:
         return _resect_all(estimate_initial_camera(_subset(observations, VIEWS[-1])), observations)
     first, second = (_subset(observations, views).thinned(CORNERS) for views in VIEWS[:2])
-    states = [resect_linear(model, first) for model in _sample_cameras(first)]
+    states = resect_linear_each(list(_sample_cameras(first)), first)
     states = [_resect_all(state, second) for state in _distinct_magnifications(states, first)[: SURVIVORS[0]]]
     states = [_refine(state, second, 8, 1e-3, shape=False) for state in states]
     states = [_refine(state, second, 15, 1e-4) for state in _by_error(states, second)[: SURVIVORS[1]]]

@@ -1,17 +1,21 @@
 """Resection: the pose of each board from the bearings of its points, without an initial guess."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration._resection_kernel import chord_normal_equations, squared_chords
+from omnisight.calibration._resection_kernel import (
+    MIN_CHORD_RAD,
+    ROBUST_SCALE,
+    bearing_map_normals,
+    refined_poses,
+    squared_chords,
+)
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
-from omnisight.optim.gauss_newton import NormalEquations, gauss_newton_batch
-from omnisight.optim.loss import geman_mcclure_weights
-from omnisight.optim.tolerances import COARSE_TOLERANCE
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
@@ -19,16 +23,10 @@ Poses = tuple[Array, Array]
 
 # A pose from a plane needs four points; two more give a residual that reveals a wrong one.
 MIN_POINTS = 6
-# Scale of the Geman-McClure weights relative to the median chord: a point this far off has a quarter of the weight.
-ROBUST_SCALE = 3.0
-# Chord (rad) below which all points have full weight: rounding.
-MIN_CHORD_RAD = 1e-9
 # Rounds of iteratively reweighted linear least squares.
 LINEAR_ROUNDS = 2
 # Thickness of a point set relative to its size above which it is also posed as points in space.
 MIN_RELATIVE_THICKNESS = 0.03
-# Iterations of the refinement while the robust scale is re-estimated once, and with the final scale.
-REFINEMENT_ITERATIONS = 3, 5
 # Distance (in board units) of a board that cannot be posed yet.
 UNKNOWN_DISTANCE = 1e3
 # Median residual relative to that of the other views above which a pose may be a wrong local minimum.
@@ -44,11 +42,18 @@ def resect(model: CameraModel, observations: Observations) -> State:
 
 def resect_linear(model: CameraModel, observations: Observations) -> State:
     """Estimate the pose of every board linearly; a board that cannot be posed is placed far ahead."""
-    bearings, _ = model.unproject_numpy(observations.pixels)
+    return resect_linear_each([model], observations)[0]
+
+
+def resect_linear_each(models: Sequence[CameraModel], observations: Observations) -> list[State]:
+    """Estimate the pose of every board linearly by each of several cameras."""
+    if not models:
+        return []
+    bearings = np.stack([model.unproject_numpy(observations.pixels)[0] for model in models])
     rotations, translations = linear_board_poses(observations, bearings)
-    unknown = ~np.isfinite(rotations).all((1, 2))
+    unknown = ~np.isfinite(rotations).all((2, 3))
     rotations[unknown], translations[unknown] = np.eye(3), (0.0, 0.0, UNKNOWN_DISTANCE)
-    return State(model, rotations, translations)
+    return [State(*camera) for camera in zip(models, rotations, translations, strict=True)]
 
 
 def resolve_flip(state: State, observations: Observations) -> State:
@@ -60,7 +65,7 @@ def resolve_flip(state: State, observations: Observations) -> State:
 def reresect(state: State, observations: Observations) -> State:
     """Estimate every pose anew and keep the better one: corrects boards behind the camera or flipped."""
     fresh = resect(state.central_model, observations)
-    starts = [group.start for group in observations.groups]
+    starts = observations.starts[:-1]
     old, new = (np.add.reduceat(np.minimum(s.lengths(observations), MAX_COMPARED_PX), starts) for s in (state, fresh))
     better = new < old
     return replace(
@@ -89,20 +94,21 @@ def linear_board_poses(observations: Observations, bearings: Array) -> Poses:
     observations
         Board points; their pixels are not used.
     bearings
-        (N, 3) unit; rows of NaN are ignored.
+        (..., N, 3) unit, by one or more cameras; rows of NaN are ignored.
 
     Returns
     -------
     rotations, translations
-        (V, 3, 3) and (V, 3), NaN for a view with fewer than `MIN_POINTS` points.
+        (..., V, 3, 3) and (..., V, 3), NaN for a view with fewer than `MIN_POINTS` points.
     """
-    groups = _Groups(observations, bearings)
+    groups = _Groups(observations, bearings.reshape(-1, 3))
     poses = groups.better(_near_plane_poses(groups), _far_plane_poses(groups))
     if (groups.thickness > MIN_RELATIVE_THICKNESS).any():
         poses = groups.better(poses, groups.better(_near_space_poses(groups), _far_space_poses(groups)))
     rotations, translations = poses
     rotations[groups.count < MIN_POINTS], translations[groups.count < MIN_POINTS] = np.nan, np.nan
-    return rotations, translations
+    lead = *bearings.shape[:-2], len(observations)
+    return rotations.reshape(*lead, 3, 3), translations.reshape(*lead, 3)
 
 
 def refine_board_poses(observations: Observations, bearings: Array, rotations: Array, translations: Array) -> Poses:
@@ -121,42 +127,12 @@ def refine_board_poses(observations: Observations, bearings: Array, rotations: A
     rotations, translations
         (V, 3, 3) and (V, 3), finite: the initial poses.
     """
-    groups = _Groups(observations, bearings)
-    middle = np.einsum("vij,vj->vi", rotations, groups.centre) + translations
-    sight = middle / np.maximum(np.linalg.norm(middle, axis=1), 1e-300)[:, None]
-    flipped = _reflections(sight) @ rotations @ _reflections(groups.frame[:, :, 2])
-    moved = middle - np.einsum("vij,vj->vi", flipped, groups.centre)
-    return groups.better(_refined(groups, (rotations, translations)), _refined(groups, (flipped, moved)))
-
-
-def _reflections(normals: Array) -> Array:
-    """Return the reflections (V, 3, 3) in the planes with unit normals (V, 3)."""
-    return np.eye(3) - 2 * normals[:, :, None] * normals[:, None, :]
-
-
-def _refined(groups: "_Groups", poses: Poses) -> Poses:
-    """Minimize the Geman-McClure cost of the chords between bearings and board directions, for each view."""
-    for iterations in REFINEMENT_ITERATIONS:
-        scale = groups.scale(groups.squares(poses))
-        current = [part.copy() for part in poses]
-
-        def linearize(
-            states: Poses, views: NDArray[np.intp], scale: Array = scale, current: list[Array] = current
-        ) -> NormalEquations:
-            current[0][views], current[1][views] = states
-            squares = groups.squares((current[0], current[1]))
-            weights = groups.use * geman_mcclure_weights(squares, scale)
-            normal = chord_normal_equations(groups.points, groups.view, *current, groups.bearings, weights)
-            cost = 0.5 * groups.sum(groups.use * scale * squares / (squares + scale))
-            return NormalEquations(cost[views], normal[1][views], normal[0][views])
-
-        def retract(states: Poses, steps: Array) -> Poses:
-            return so3.exp(steps[:, :3]) @ states[0], states[1] + steps[:, 3:]
-
-        poses = gauss_newton_batch(
-            linearize, poses, retract=retract, max_iterations=iterations, tolerance=COARSE_TOLERANCE
-        ).state
-    return poses
+    normals = np.tile((0.0, 0.0, 1.0), (len(observations), 1))
+    if not observations.is_planar:
+        normals = _Groups(observations, bearings).frame[:, :, 2].copy()
+    poses = np.concatenate([rotations, translations[:, :, None]], -1)
+    poses = refined_poses(observations.points, np.ascontiguousarray(bearings), observations.starts, poses, normals)
+    return poses[:, :, :3].copy(), poses[:, :, 3].copy()
 
 
 def _near_plane_poses(groups: "_Groups") -> Poses:
@@ -182,12 +158,9 @@ def _direct_linear_transform(groups: "_Groups", x: Array) -> Array:
     geometry, ch. 7 and 8, on the sphere). The sign puts the points at positive distances along their bearings.
     """
     b, k = groups.bearings, x.shape[1]
-    # [b]x^T [b]x = I - b b^T for a unit b: the normal equations of all corners at once.
-    across = np.eye(3) - b[:, :, None] * b[:, None, :]
-    outer = (across[:, :, None, :, None] * (x[:, :, None] * x[:, None, :])[:, None, :, None, :]).reshape(-1, 9 * k * k)
     weight, h = groups.nearby, np.zeros((len(groups.count), 3, k))
     for _ in range(LINEAR_ROUNDS):
-        _, vectors = np.linalg.eigh(groups.sum(outer * weight[:, None]).reshape(-1, 3 * k, 3 * k))
+        _, vectors = np.linalg.eigh(bearing_map_normals(x, b, weight, groups.starts))
         h = vectors[:, :, 0].reshape(-1, 3, k)
         seen = np.einsum("nij,nj->ni", h[groups.view], x)
         ahead = np.einsum("ni,ni->n", seen, b)
@@ -249,24 +222,30 @@ def _homogeneous(x: Array) -> Array:
 
 
 class _Groups:
-    """The points of each view that have a bearing, and sums and medians over them."""
+    """The points of each view of each camera that have a bearing, and sums and medians over them.
+
+    The M cameras have N bearings each; their views count separately.
+    """
 
     def __init__(self, observations: Observations, bearings: Array) -> None:
-        self.points = observations.points
-        self.view = observations.view_of_row
-        self.starts = np.array([g.start for g in observations.groups], np.intp)
+        rows, views = len(observations.points), len(observations)
+        cameras = len(bearings) // max(rows, 1)
+        self.points = np.tile(observations.points, (cameras, 1))
+        self.view = (observations.view_of_row + views * np.arange(cameras)[:, None]).ravel()
+        starts = observations.starts[:-1] + rows * np.arange(cameras)[:, None]
+        self.starts = np.append(starts.ravel(), rows * cameras)
         finite: NDArray[np.bool_] = np.all(np.isfinite(bearings), axis=-1)
         self.use = finite.astype(float)
         self.bearings = np.where(finite[:, None], bearings, 0.0)
-        self.count = np.bincount(self.view, self.use, len(observations)).astype(np.intp)
+        self.count = np.bincount(self.view, self.use, views * cameras).astype(np.intp)
         # Row and column of each point in a table with one row per view.
         self.place = np.arange(len(self.view)) - self.starts[self.view]
-        self.table = len(observations), int(self.place.max(initial=0)) + 1
+        self.table = views * cameras, int(self.place.max(initial=0)) + 1
         # Coordinates (N, 3) about the centre (V, 3) of each view's points, divided by their size (V,), in a principal
         # frame (V, 3, 3): the third axis has the least variance. `plane` (N, 2) are the first two.
         self.centre = self.sum(self.points * self.use[:, None]) / np.maximum(self.count, 1)[:, None]
         about = (self.points - self.centre[self.view]) * self.use[:, None]
-        self.frame, self.thickness = np.tile(np.eye(3), (len(observations), 1, 1)), np.zeros(len(observations))
+        self.frame, self.thickness = np.tile(np.eye(3), (len(self.count), 1, 1)), np.zeros(len(self.count))
         if not observations.is_planar:
             variances, axes = np.linalg.eigh(self.sum(about[:, :, None] * about[:, None, :]))
             self.frame = np.stack([axes[:, :, 2], axes[:, :, 1], np.cross(axes[:, :, 2], axes[:, :, 1])], -1)
@@ -283,7 +262,9 @@ class _Groups:
     def sum(self, values: Array) -> Array:
         """Return the sums of values (N, ...) by view."""
         # A last row of zeros, because the last view may have no points.
-        return np.add.reduceat(np.concatenate([values, np.zeros((1, *values.shape[1:]))]), self.starts)
+        sums = np.add.reduceat(np.concatenate([values, np.zeros((1, *values.shape[1:]))]), self.starts[:-1])
+        sums[self.starts[:-1] == self.starts[1:]] = 0.0
+        return sums
 
     def medians(self, values: Array) -> Array:
         """Return the median of values (N,) by view, over the points that have a bearing."""

@@ -235,6 +235,11 @@ class Observations(Displayed):
         return float(np.linalg.norm(np.ptp(self.pixels, axis=0))) if len(self.pixels) else 0.0
 
     @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """(V + 1,) the first row of each view, and the number of rows."""
+        return np.array([*(group.start for group in self.groups), len(self.pixels)], np.intp)
+
+    @cached_property
     def view_of_row(self) -> NDArray[np.intp]:
         """(N,) the view of each point."""
         return np.repeat(np.arange(len(self)), [group.stop - group.start for group in self.groups])
