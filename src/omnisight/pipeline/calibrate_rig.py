@@ -8,7 +8,7 @@ from typing import Any
 
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
-from omnisight.calibration.rigs.frame_uncertainty import with_frame_covariances
+from omnisight.calibration.rigs.model_uncertainty import model_covariance
 from omnisight.extensions import did_you_mean_file
 from omnisight.images.collect import collect_images
 from omnisight.images.output_paths import image_labels
@@ -115,8 +115,9 @@ def assess(
     poses = tuple(state.sensor_from_rig.one(k) for k in range(len(names)))
     unit = estimate.observations.parts[0].observations.unit
     rig = Rig(calibrated, poses, names, time_offsets=offsets, unit=unit)
-    frames = [camera.frame_covariance for camera in cameras]
-    rig = replace(rig, covariance=with_frame_covariances(estimate.covariance.extrinsics, rig, frames))
+    candidates = [() if camera.calibration is None else camera.calibration.candidates for camera in cameras]
+    models = model_covariance(estimate.problem, state, candidates)
+    rig = replace(rig, covariance=estimate.covariance.extrinsics + models)
     held_out = held_out_lengths(estimate.problem, state)
     rule = simultaneous.rule
     result = RigCalibration(rig.subset(order), tuple(cameras), estimate, held_out, rule, pair_evidence(estimate))

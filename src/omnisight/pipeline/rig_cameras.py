@@ -1,7 +1,7 @@
 """The cameras of a rig, each calibrated alone or known from a file."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.redetection import redetect
 from omnisight.calibration.resection import resect
-from omnisight.calibration.rigs.frame_uncertainty import frame_covariance
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.display import Displayed
@@ -56,8 +55,6 @@ class RigCamera(Displayed):
         Whether a board is warped significantly.
     calibration
         Its calibration alone; None for a known camera.
-    frame_covariance
-        (3, 3) covariance of the orientation of its frame due to the choice of the model, rad^2.
     """
 
     name: str
@@ -67,7 +64,6 @@ class RigCamera(Displayed):
     directions: Array
     warp: bool
     calibration: Calibration | None
-    frame_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
     def size(self) -> tuple[int, int]:
@@ -170,8 +166,7 @@ def _camera_of_several_boards(name: str, boards: Boards, options: CalibrateRigOp
 
 def _calibrated_camera(name: str, calibration: Calibration, boards: Boards, states: Mapping[str, State]) -> RigCamera:
     free = calibration.best.free_parameters
-    frame = frame_covariance(calibration.best, calibration.candidates, calibration.observations)
-    return RigCamera(name, calibration.camera, boards, states, free.directions, free.warp, calibration, frame)
+    return RigCamera(name, calibration.camera, boards, states, free.directions, free.warp, calibration)
 
 
 def _known_camera(name: str, boards: Boards, file: Path, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
