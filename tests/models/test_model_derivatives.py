@@ -39,6 +39,15 @@ def test_jacobian_by_the_point_matches_differences_and_ignores_scale(model):
 
 
 @every_camera
+def test_jacobian_by_the_point_alone_is_the_same(model):
+    points = 2.0 * inside(model)
+    for alone, value in zip(
+        model.project_with_point_jacobian(points), model.project_with_jacobians(points), strict=False
+    ):
+        np.testing.assert_array_equal(alone, value)
+
+
+@every_camera
 def test_jacobian_by_the_parameters_matches_differences(model):
     bearings = inside(model)
     *_, d_params = model.project_with_jacobians(bearings)

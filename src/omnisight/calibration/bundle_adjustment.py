@@ -54,6 +54,11 @@ class Bundle:
         """Expected cost of the inliers."""
         return len(self.observations.pixels) * self.weights.sigma**2
 
+    @property
+    def moves_camera(self) -> bool:
+        """Whether parameters of the camera are estimated."""
+        return bool(self.free_parameters.directions.shape[1])
+
     def cost(self, state: State) -> float:
         """Return the robust cost with priors and barrier; points outside the domain are clamped to its edge."""
         pixels, valid = state.model.project_numpy(points := state.points(self.observations)[0])
@@ -70,21 +75,28 @@ class Bundle:
 
     def linearize(self, state: State) -> GroupedNormal:
         """Return the normal equations of all free parameters and poses."""
-        return self.with_priors(self.corner_normal(state), state)
+        return self.with_priors(self.corner_normal(state, by_camera=self.moves_camera), state)
 
-    def corner_normal(self, state: State) -> GroupedNormal:
+    def corner_normal(self, state: State, *, by_camera: bool = True) -> GroupedNormal:
         """Return the normal equations of all camera parameters and the warp, from the corners alone.
 
-        Those of disjoint sets of views can be joined.
+        Those of disjoint sets of views can be joined. Without `by_camera` those of the camera parameters are zero.
         """
-        residuals, jacobian, cross, local, local_gradient = self.blocks(state)
+        residuals, jacobian, cross, local, local_gradient = self.blocks(state, by_camera=by_camera)
         return GroupedNormal(jacobian.T @ jacobian, cross, local, jacobian.T @ residuals, local_gradient)
 
-    def blocks(self, state: State) -> tuple[Array, Array, Array, Array, Array]:
-        """Return weighted residuals and the blocks of their Jacobian, see `_bundle_kernel.normal_equation_blocks`."""
+    def blocks(self, state: State, *, by_camera: bool = True) -> tuple[Array, Array, Array, Array, Array]:
+        """Return weighted residuals and the blocks of their Jacobian, see `_bundle_kernel.normal_equation_blocks`.
+
+        Without `by_camera` the derivatives by the camera parameters are zero.
+        """
         o, weights = self.observations, self.weights
         points, rotated = state.points(o)
-        pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
+        if by_camera:
+            pixels, valid, d_point, d_params = state.model.project_with_jacobians(points)
+        else:
+            pixels, valid, d_point = state.model.project_with_point_jacobian(points)
+            d_params = np.zeros((state.model.params.size, 2, len(points))).T
         residuals, outside = pixels - o.pixels, np.flatnonzero(~valid)
         if len(outside):
             residuals[outside] = project_clamped(state.model, points[outside]) - o.pixels[outside]
@@ -145,8 +157,7 @@ class Bundle:
         return directions
 
     def _barrier(self, state: State) -> LogBarrier | None:
-        moves = self.free_parameters.directions.shape[1]
-        return log_barrier(state, self.observations, self.weights.sigma**2) if moves else None
+        return log_barrier(state, self.observations, self.weights.sigma**2) if self.moves_camera else None
 
     @property
     def _bend_information(self) -> float:

@@ -17,10 +17,19 @@ def hat(vectors: ArrayLike) -> Array:
 def exp(vectors: ArrayLike) -> Array:
     """Return the rotations (..., 3, 3) of rotation vectors (..., 3), radians (Rodrigues' formula)."""
     v = np.asarray(vectors, float)
-    angle = np.linalg.norm(v, axis=-1)[..., None, None]
-    k = hat(v)
-    half = np.sinc(angle / (2 * np.pi))  # sin(angle/2)/(angle/2), regular at zero
-    return np.eye(3) + np.sinc(angle / np.pi) * k + 0.5 * half**2 * k @ k
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    angle = np.sqrt(x * x + y * y + z * z)
+    safe = np.where(angle > 0, angle, 1.0)
+    s = np.where(angle > 0, np.sin(angle) / safe, 1.0)
+    half = np.where(angle > 0, np.sin(0.5 * angle) / safe, 0.5)
+    c = 2 * half * half  # (1 - cos(angle))/angle^2 without cancellation
+    xy, xz, yz, cx, cy, cz = c * x * y, c * x * z, c * y * z, c * x * x, c * y * y, c * z * z
+    sx, sy, sz = s * x, s * y, s * z
+    rotations = np.empty((*v.shape, 3))
+    rotations[..., 0, 0], rotations[..., 0, 1], rotations[..., 0, 2] = 1 - cy - cz, xy - sz, xz + sy
+    rotations[..., 1, 0], rotations[..., 1, 1], rotations[..., 1, 2] = xy + sz, 1 - cx - cz, yz - sx
+    rotations[..., 2, 0], rotations[..., 2, 1], rotations[..., 2, 2] = xz - sy, yz + sx, 1 - cx - cy
+    return rotations
 
 
 def log(rotations: ArrayLike) -> Array:

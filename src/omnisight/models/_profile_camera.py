@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
@@ -24,6 +24,30 @@ def radial_scale(m: Any, s: Any, c: Any, max_iterations: Any) -> Any:
 @model_method
 def inverse_radial_scale(m: Any, r: Any, r2: Any, max_iterations: Any) -> Any:
     """Return (sin(theta)/r, cos(theta)) from the radius r and its square."""
+
+
+class DerivativesByPoint(NamedTuple):
+    """Projections of points (N, 3), their derivatives, and what those by the parameters are computed from.
+
+    Attributes
+    ----------
+    pixels, valid, by_point
+        As `project_with_jacobians` returns them.
+    plane, distorted
+        (x, y), (N,) each, of the plane before and after the distortion.
+    by_scale
+        Derivatives of both pixel coordinates by the radial scale.
+    scale_by_params
+        Derivatives of the radial scale by its parameters.
+    """
+
+    pixels: Array
+    valid: NDArray[np.bool_]
+    by_point: Array
+    plane: tuple[Array, Array]
+    distorted: tuple[Array, Array]
+    by_scale: list[Array]
+    scale_by_params: dict[str, Array]
 
 
 class ProfileCamera(NoDistortion, CameraModel):
@@ -157,7 +181,30 @@ class ProfileCamera(NoDistortion, CameraModel):
         valid = converged & (r2 <= m.r2_back) & (c > m.c_back)
         return where(converged & (absolute(h) != np.inf), h * px, np.inf), h * py, c, valid
 
+    def project_with_point_jacobian(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+        with np.errstate(all="ignore"):
+            at = self._derivatives_by_point(points)
+        return at.pixels, at.valid, at.by_point
+
     def derivatives(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array, Array]:
+        at = self._derivatives_by_point(points)
+        a11, a12, a21, a22, _, _ = self.affine()
+        partials = self.affine_partials(*at.distorted)
+        for name, (dx, dy) in self.distort_partials(*at.plane).items():
+            partials[name] = linear_combination(a11, dx, a12, dy), linear_combination(a21, dx, a22, dy)
+        for name, dg in at.scale_by_params.items():
+            partials[name] = (dg * at.by_scale[0], dg * at.by_scale[1])
+        by_params = np.empty((self.params.size, 2, len(points)))
+        start = 0
+        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
+            value = getattr(self, field.name)
+            stop = start + (len(value) if isinstance(value, tuple) else 1)
+            for axis, d in enumerate(partials[field.name]):
+                by_params[start:stop, axis] = d
+            start = stop
+        return at.pixels, at.valid, at.by_point, by_params.T
+
+    def _derivatives_by_point(self, points: Array) -> "DerivativesByPoint":
         x, y, c = points.T.copy()
         over_n = 1.0 / np.sqrt(x * x + y * y + c * c)
         x, y, c = x * over_n, y * over_n, c * over_n
@@ -184,21 +231,7 @@ class ProfileCamera(NoDistortion, CameraModel):
             by_point[0, axis] = g_n * jx + by_norm * x
             by_point[1, axis] = g_n * jy + by_norm * y
             by_point[2, axis] = dg_n * by_scale[axis] + by_norm * c
-
-        partials = self.affine_partials(qx, qy)
-        for name, (dx, dy) in self.distort_partials(px, py).items():
-            partials[name] = linear_combination(a11, dx, a12, dy), linear_combination(a21, dx, a22, dy)
-        for name, dg in dg_dparams.items():
-            partials[name] = (dg * by_scale[0], dg * by_scale[1])
-        by_params = np.empty((self.params.size, 2, len(points)))
-        start = 0
-        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, field.name)
-            stop = start + (len(value) if isinstance(value, tuple) else 1)
-            for axis, d in enumerate(partials[field.name]):
-                by_params[start:stop, axis] = d
-            start = stop
-        return pixels, valid, by_point.T, by_params.T
+        return DerivativesByPoint(pixels, valid, by_point.T, (px, py), (qx, qy), by_scale, dg_dparams)
 
     @classmethod
     def initial_models(cls, bearings: Array, pixels: Array) -> Iterator[Self]:

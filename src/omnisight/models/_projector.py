@@ -112,6 +112,10 @@ class Projector(Parameterized):
         """
         raise NotImplementedError
 
+    def project_with_point_jacobian(self, points: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+        """Project points (N, 3); return pixels, valid and d_point of `project_with_jacobians`."""
+        return self.project_with_jacobians(points)[:3]
+
     def rescaled(self, factor: float) -> Self:
         """Return the model of the image resized by a factor; a pixel centre c moves to (c + 1/2) factor - 1/2."""
         centre = np.array([0.5 if name in ("cx", "cy") else 0.0 for name in self.param_names])

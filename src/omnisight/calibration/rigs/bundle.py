@@ -181,9 +181,9 @@ class RigBundle(Displayed):
         found, free = list[PartBlocks](), self.free_parameters
         for index, part in enumerate(self.observations.parts):
             bundle, exposures = self.bundles[index], self.exposures[index]
-            residuals, jacobian, cross, local, gradient = bundle.blocks(state.part_state(part, exposures))
+            of_part, scale = state.part_state(part, exposures), 1 / self.weights[index].sigma
+            residuals, jacobian, cross, local, gradient = bundle.blocks(of_part, by_camera=bundle.moves_camera)
             derivatives = pose_derivatives(state, part, exposures, free)
-            scale = 1 / self.weights[index].sigma
             found.append(
                 PartBlocks(
                     np.concatenate([free.camera_columns(part.camera), free.columns("warp", part.board, 2)]),
