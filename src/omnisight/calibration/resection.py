@@ -16,6 +16,7 @@ from omnisight.calibration._resection_kernel import (
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
+from omnisight.optim.loss import geman_mcclure_weights
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
