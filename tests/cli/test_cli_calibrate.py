@@ -223,7 +223,7 @@ def test_a_report_of_another_format_is_refused_before_any_work(refuses, shots, t
 
 @pytest.mark.parametrize(
     ("option", "message"),
-    [("-o", "is one of the images and would be overwritten"), ("--report", "the report is written as HTML")],
+    [("-o", "is one of the inputs and would be overwritten"), ("--report", "the report is written as HTML")],
 )
 def test_an_image_is_never_overwritten(refuses, folder, option, message):
     image = folder / "1.png"

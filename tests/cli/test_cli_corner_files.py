@@ -84,7 +84,7 @@ def test_corner_files_have_no_redetection_pass(run, corners):
             "text",
             "notes.txt: neither an image nor a corner file of a known format (begins with 'Call Bob')",
         ),
-        ("its own output", "is one of the images and would be overwritten"),
+        ("its own output", "is one of the inputs and would be overwritten"),
     ],
 )
 def test_invalid_input_is_rejected(case, message, refuses, corners, shots, tmp_path):

@@ -198,7 +198,7 @@ def test_images_and_known_options_are_required(run, refuses, shots, tmp_path):
     assert run("detect")[0] == 2
     assert run("detect", shots, "--colour")[0] == 2
     message = refuses("detect", shots, "-o", shots)
-    assert "is one of the images and would be overwritten" in message
+    assert "is one of the inputs and would be overwritten" in message
 
 
 def test_target_file_that_was_made_is_used_by_detect_and_calibrate(run, refuses, shots, elsewhere):

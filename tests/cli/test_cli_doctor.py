@@ -68,3 +68,9 @@ def test_wrong_input_is_refused(run, refuses, tmp_path, still):
     assert "--images must be at least 8" in refuses("doctor", still, "--images", "3")
     assert "missing" in refuses("doctor", tmp_path / "missing")
     assert "is a folder" in refuses("doctor", still, "--write-mask", tmp_path)
+
+
+def test_a_mask_does_not_replace_an_image(refuses, still):
+    before = (still / "1.png").read_bytes()
+    assert "is one of the inputs" in refuses("doctor", still, "--write-mask", still / "1.png")
+    assert (still / "1.png").read_bytes() == before

@@ -74,3 +74,11 @@ def test_images_without_pose_have_a_reason(run, known, tmp_path):
     assert status == 2
     assert "another place, or no texture" in out
     assert "no image was localized" in err
+
+
+@pytest.mark.parametrize("name", ["map/poses.csv", "phone/0.png", "phone.json"])
+def test_inputs_are_not_overwritten(refuses, known, name):
+    before = (known / name).read_bytes()
+    arguments = known / "phone", "--map", known / "map", "--camera", known / "phone.json", "-o", known / name
+    assert "is one of the inputs" in refuses("localize", *arguments)
+    assert (known / name).read_bytes() == before

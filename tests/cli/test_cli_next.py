@@ -127,7 +127,7 @@ def test_an_invalid_board_in_the_camera_file_is_rejected(refuses, shots, tmp_pat
 def test_invalid_options_are_rejected_before_detection(refuses, folder, calibrated, tmp_path):
     assert "count is 0" in refuses("next", folder, "--camera", calibrated, "--count", 0)
     assert "holds the images" in refuses("next", folder, "--camera", calibrated, "-o", folder / "next.png")
-    assert "is one of the images" in refuses("next", folder, "--camera", calibrated, "-o", folder / "1.png")
+    assert "is one of the inputs" in refuses("next", folder, "--camera", calibrated, "-o", folder / "1.png")
     assert "no folder" in refuses("next", folder, "--camera", calibrated, "-o", tmp_path / "none" / "next.png")
     assert ".png or .jpg" in refuses("next", folder, "--camera", calibrated, "-o", tmp_path / "next.txt")
 
@@ -264,7 +264,7 @@ def test_for_points_without_a_grid_a_board_of_the_same_size_is_proposed(run, cam
         ("no size", "specify --image-size, such as 1280x800 (corners reach"),
         ("a size with images", "--image-size is for corner files; images contain their size: leave it out"),
         ("a camera with images", "--which is for corner files of several cameras"),
-        ("a drawing over an image beside", "is one of the images and would be overwritten"),
+        ("a drawing over an image beside", "is one of the inputs and would be overwritten"),
         ("too few", "none of 2 images has enough corners"),
         ("a board of another unit", " in squares is not known: specify --pattern, such as 9x6, instead"),
     ],

@@ -27,7 +27,8 @@ def room(tmp_path_factory):
 
 
 def arguments(room, *more):
-    return "odometry", room / "images", "--camera", room / "camera.json", "-o", "t.tum", *more
+    output = () if "-o" in more else ("-o", "t.tum")
+    return "odometry", room / "images", "--camera", room / "camera.json", *output, *more
 
 
 def test_the_trajectory_and_its_figures(run, room, tmp_path):
@@ -139,6 +140,18 @@ def test_unknown_cameras_are_refused(run, room, refuses):
     assert "only 2:1 equirectangular images need no camera" in refuses(*command)
     assert "odometry needs a calibrated camera" in refuses(*command, "--camera", "auto")
     assert "--fps must be positive" in refuses(*command, "--fps", "0")
+
+
+@pytest.mark.parametrize("name", ["images/000000.jpg", "camera.json", "images/times.csv", "wheels.csv"])
+def test_inputs_are_not_overwritten(room, tmp_path, refuses, name):
+    copy = shutil.copytree(room, tmp_path / "copy")
+    times = [f"{k:06d}.jpg,{k / 10}" for k in range(FRAMES)]
+    (copy / "images" / "times.csv").write_text("\n".join(times))
+    (copy / "wheels.csv").write_text("0,1\n2,1\n")
+    before = (copy / name).read_bytes()
+    message = refuses(*arguments(copy, "--wheels", copy / "wheels.csv", "-o", copy / name))
+    assert f"{copy / name}: is one of the inputs and would be overwritten" in message
+    assert (copy / name).read_bytes() == before
 
 
 def test_a_wrong_camera_causes_a_warning(run, room, tmp_path):

@@ -220,7 +220,7 @@ def test_input_images_are_never_overwritten(refuses, folder, camera_file, tmp_pa
         "drawings": ("calibrate", folder, *QUICK, "--draw", folder),
     }[command]
     said = refuses(*arguments)
-    assert f"{folder / '1.png'}: is one of the images and would be overwritten" in said
+    assert f"{folder / '1.png'}: is one of the inputs and would be overwritten" in said
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 

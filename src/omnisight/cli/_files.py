@@ -22,6 +22,17 @@ def must_be_writable(output: Path) -> None:
         raise ValueError(f"{output}: {reason} ({output.parent})")
 
 
+def refuse_inputs(output: Path, *inputs: str | Path | None) -> None:
+    """Raise before any work if an output file is one of the inputs, or an image in one of the folders among them."""
+    from omnisight.images import IMAGE_SUFFIXES
+    from omnisight.images.output_paths import refuse_overwrite
+
+    paths = [Path(path) for path in inputs if path is not None]
+    is_image = output.suffix.lower() in IMAGE_SUFFIXES
+    inside = [file for path in paths if is_image and path.is_dir() for file in path.rglob(f"*{output.suffix}")]
+    refuse_overwrite([output], [*paths, *inside])
+
+
 def default_output(name: str) -> Path:
     """Return a file to write in the current folder if none is specified; raise if it exists."""
     output = Path(name)

@@ -34,7 +34,7 @@ def localize(
     output
         Table of the poses (world_from_camera) to write, .csv; images without a pose are left out.
     """
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import must_be_writable, refuse_inputs
     from omnisight.cli._localize_report import print_json, print_report
     from omnisight.pipeline.localize import localize as run
     from omnisight.pipeline.visual_map import read_map
@@ -42,6 +42,7 @@ def localize(
 
     if output is not None:
         must_be_writable(output)
+        refuse_inputs(output, *images, map / "poses.csv", camera, options.mask)
     known = read_map(map)
     with progress() as report:
         found = run(images, known, camera, options, report)

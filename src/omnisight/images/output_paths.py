@@ -62,12 +62,12 @@ def write_error(folder: Path) -> str:
     return ""
 
 
-def refuse_overwrite(files: Iterable[Path], images: Iterable[Path]) -> None:
-    """Raise if an output file is one of the input images."""
-    inputs = {image.resolve() for image in images}
+def refuse_overwrite(files: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise if an output file is one of the input files."""
+    read = {path.resolve() for path in inputs}
     for file in files:
-        if file.resolve() in inputs:
-            raise ValueError(f"{file}: is one of the images and would be overwritten; choose another output")
+        if file.resolve() in read:
+            raise ValueError(f"{file}: is one of the inputs and would be overwritten; choose another output")
 
 
 def _first_unique(paths: Sequence[Path], *naming: Callable[[Path], str]) -> list[str] | None:

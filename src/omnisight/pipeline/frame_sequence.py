@@ -139,6 +139,11 @@ class FrameSequence:
         return (self.clip.declared_frames or 0) if self.clip is not None else len(self.files)
 
     @property
+    def paths(self) -> list[Path]:
+        """The files of a folder, with that of the times."""
+        return [path for frame in (*self.files, (self.times_file,)) for path in frame if path is not None]
+
+    @property
     def size(self) -> tuple[int, int]:
         """(width, height) of the first image of the first camera, px."""
         if self.camera is not None:

@@ -16,6 +16,7 @@ from omnisight.display import Displayed
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.images.mask import read_mask
+from omnisight.images.output_paths import refuse_overwrite
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence, SequenceFrame
@@ -170,9 +171,11 @@ def odometry(
         If a file cannot be read, the camera is not known, or the images do not have its size.
     """
     report = progress or (lambda stage, done, total: None)
+    calibration = camera if rig is None else rig
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
     sequence = FrameSequence.open(Path(images), sources.names, options.fps, options.topic)
+    _refuse_inputs(output, [images, calibration, *sequence.paths], options)
 
     def watch(tracking: Odometry, frame: SequenceFrame) -> None:
         report("tracking", frame.index + 1, max(len(sequence), frame.index + 1))
@@ -213,6 +216,7 @@ def live_odometry(
     if options.fps is not None or options.topic is not None:
         raise ValueError("--fps and --topic are for files: leave them out with --live")
     sequence = FrameSequence.live(str(source))
+    _refuse_inputs(output, [source, camera], options)
     body = _body(CameraSources.of(camera, None, None), sequence, options)
     return _run(sequence, body, options, output, watch, lambda stage, done, total: None)
 
@@ -276,6 +280,13 @@ def _track(
     tracking.finish()
     _write(file, tracking, frames)
     return frames, started
+
+
+def _refuse_inputs(output: str | PathLike[str] | None, inputs: Sequence[object], options: OdometryOptions) -> None:
+    """Raise ValueError if the trajectory would replace one of the files that are read."""
+    files = [*inputs, options.mask, options.wheels, options.imu]
+    if output is not None:
+        refuse_overwrite([Path(output)], [Path(file) for file in files if isinstance(file, str | PathLike)])
 
 
 def _body(sources: CameraSources, sequence: FrameSequence, options: OdometryOptions) -> Rig | Camera:
