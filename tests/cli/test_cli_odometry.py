@@ -122,6 +122,24 @@ def test_kitti_has_a_row_for_each_image_also_for_one_that_cannot_be_read(run, ro
     assert np.allclose(rows[0].reshape(3, 4), np.eye(3, 4), atol=1e-6)
 
 
+def test_an_image_of_another_size_or_an_unreadable_first_image_is_lost(run, room, tmp_path):
+    folder = tmp_path / "images"
+    shutil.copytree(room / "images", folder)
+    om.write_image(folder / "000006.jpg", om.read_image(folder / "000006.jpg")[::2, ::2])
+    (folder / "000000.jpg").write_bytes(b"")
+    camera = "--camera", room / "camera.json"
+    status, out, _ = run("odometry", folder, *camera, "-o", "t.tum", "--json")
+    assert status == 0
+    data = json.loads(out)
+    assert data["tracked"] == FRAMES - 2
+    reasons = {part["first"]: part["reason"] for part in data["lost"]}
+    assert reasons[0] == "000000.jpg: empty file"
+    assert reasons[6] == "000006.jpg: is 200x150 px, and images before 400x300"
+    status, out, err = run("doctor", folder, *camera)
+    assert (status, err) == (0, "")
+    assert "2 cannot be read: 000000.jpg: empty file" in out
+
+
 def test_images_without_motion_are_refused_with_the_reason(run, room, tmp_path, refuses):
     folder = tmp_path / "still"
     folder.mkdir()

@@ -145,16 +145,22 @@ class FrameSequence:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(width, height) of the first image of the first camera, px."""
+        """(width, height) of the first image of the first camera that can be read, px."""
         if self.camera is not None:
             return self.camera.size
         if self.stream is not None:
             return self.stream.size
         if self.clip is not None:
             return self.clip.size
-        first = next(path for frame in self.files for path in frame[:1] if path is not None)
-        height, width = read_image(first).shape[:2]
-        return width, height
+        unreadable = list[UnreadableImage]()
+        for path in (frame[0] for frame in self.files if frame[0] is not None):
+            try:
+                height, width = read_image(path).shape[:2]
+            except UnreadableImage as error:
+                unreadable.append(error)
+                continue
+            return width, height
+        raise unreadable[0]
 
     def __iter__(self) -> Iterator[SequenceFrame]:
         """Read all frames; see `frames`."""
@@ -187,6 +193,7 @@ class FrameSequence:
                 yield SequenceFrame(index, frame.seconds, images, frame.reason)
 
     def _of_files(self, indices: Collection[int] | None) -> Generator[SequenceFrame]:
+        sizes = dict[int, tuple[int, ...]]()
         for index in range(len(self.files)) if indices is None else sorted(indices):
             seconds, files = self.times[index], self.files[index]
             try:
@@ -194,9 +201,13 @@ class FrameSequence:
             except UnreadableImage as error:
                 yield SequenceFrame(index, seconds, (), str(error))
                 continue
-            complete = len(images) == len(files)
-            reason = "" if complete else "no image of one of the cameras"
-            yield SequenceFrame(index, seconds, images if complete else (), reason)
+            reason = "" if len(images) == len(files) else "no image of one of the cameras"
+            for camera, (path, image) in enumerate(zip(files, images, strict=False)):
+                shape = image.shape[:2]
+                if not reason and path is not None and sizes.setdefault(camera, shape) != shape:
+                    width, height = sizes[camera][::-1]
+                    reason = f"{path.name}: is {shape[1]}x{shape[0]} px, and images before {width}x{height}"
+            yield SequenceFrame(index, seconds, () if reason else images, reason)
 
 
 def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
