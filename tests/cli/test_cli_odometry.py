@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from clips import write_clip
+from omnisight.images import Clip
 from omnisight.simulation import fisheye_setup
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.visual_odometry.loop_result import Loop, LoopClosure
@@ -138,6 +140,32 @@ def test_an_image_of_another_size_or_an_unreadable_first_image_is_lost(run, room
     status, out, err = run("doctor", folder, *camera)
     assert (status, err) == (0, "")
     assert "2 cannot be read: 000000.jpg: empty file" in out
+
+
+def test_a_truncated_clip_is_reported(run, room, tmp_path):
+    write_clip(tmp_path / "whole.avi", [om.read_image(path) for path in sorted((room / "images").iterdir())])
+    data = (tmp_path / "whole.avi").read_bytes()
+    (tmp_path / "clip.avi").write_bytes(data[: len(data) * 3 // 4])
+    camera = "--camera", room / "camera.json"
+    status, out, _ = run("odometry", tmp_path / "clip.avi", *camera, "-o", "t.tum", "--json")
+    assert status == 0
+    count = json.loads(out)["frames"]
+    assert 7 < count < FRAMES
+    note = f"clip.avi: ends after {count} of {FRAMES} frames: is the copy truncated?"
+    assert json.loads(out)["warnings"] == [note]
+    _, out, _ = run("doctor", tmp_path / "clip.avi", *camera)
+    assert note in out
+    for command in ("reconstruct", "map"):
+        status, _, err = run(command, tmp_path / "clip.avi", *camera, "-o", command, "--fps", 24)
+        assert (status, err.splitlines()) == (0, [f"omnisight: warning: {note}"])
+
+
+def test_a_clip_is_read_to_its_end(run, room, tmp_path, monkeypatch):
+    write_clip(tmp_path / "clip.avi", [om.read_image(path) for path in sorted((room / "images").iterdir())])
+    monkeypatch.setitem(Clip.frames.__kwdefaults__, "limit", 7)  # of calibrations: minutes of a clip
+    status, out, _ = run("odometry", tmp_path / "clip.avi", "--camera", room / "camera.json", "-o", "t.tum", "--json")
+    assert (status, json.loads(out)["frames"]) == (0, FRAMES)
+    assert len(om.extract_frames(tmp_path / "clip.avi", tmp_path / "images", fps=1000)) == FRAMES
 
 
 def test_images_without_motion_are_refused_with_the_reason(run, room, tmp_path, refuses):

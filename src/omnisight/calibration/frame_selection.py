@@ -21,8 +21,6 @@ from omnisight.targets.raw_detections import DETECTOR_VERSION
 SELECTION_VERSION = 2
 # Frames that are returned if none shows the board: messages report what they show instead.
 FRAMES_WITHOUT_BOARD = 3
-# Share of the declared frames below which a clip counts as truncated; many declare a few too many.
-MIN_COMPLETE_SHARE = 0.95
 # Frames per second below which the motion between two frames is not that during the exposure of one.
 MIN_RATE_OF_MOTION = 10.0
 # Characters of the clip's name in the names of frames.
@@ -175,11 +173,10 @@ def _note(clip: Clip, selection: _Selection) -> str:
         f"{clip.path.name}: {selection.count} frames, {selection.searched} searched, {selection.found} with a board,"
         f" {len(selection.frames) if selection.found else 0} selected"
     ]
-    declared = clip.declared_frames or 0
     if selection.count >= MAX_FRAMES:
         parts.append(f"frames after the first {MAX_FRAMES} not read")
-    elif selection.count < MIN_COMPLETE_SHARE * declared:
-        parts.append(f"ends after {selection.count} of {declared} frames: is the copy truncated?")
+    elif truncation := clip.truncation(selection.count):
+        parts.append(truncation.removeprefix(f"{clip.path.name}: "))
     if clip.rotation_deg and not clip.upright:
         parts.append(f"rotation of {clip.rotation_deg}° ignored: a calibration needs frames as recorded")
     return "; ".join(parts)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from omnisight.cli._output import is_json
+from omnisight.cli._output import is_json, warn
 from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
@@ -46,7 +46,9 @@ def map(
     work = WorkFolder(output / WORK)
     folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
     with continuing(work), progress() as report:
-        files = extract_frames(images, folder, options.fps, report, topic=options.topic) if is_clip else images
+        files = images
+        if is_clip:
+            files = extract_frames(images, folder, options.fps, report, topic=options.topic, warn=warn)
         made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
     if made is not None:
         write_map(output, made)

@@ -21,6 +21,8 @@ from omnisight.parallel import thread_count
 MAX_FRAME_PIXELS = 10**8
 # Eleven minutes at 30 frames per second: no calibration needs more.
 MAX_FRAMES = 20_000
+# Share of the declared frames below which a clip counts as truncated; many declare a few too many.
+MIN_COMPLETE_SHARE = 0.95
 # The frame rate of a file that does not specify one.
 DEFAULT_FRAME_RATE = 30.0
 # Units of the start and the duration of a container, per second.
@@ -130,6 +132,13 @@ class Clip(Displayed):
         size = (height, width) if upright and rotation % 180 else (width, height)
         bits = max((component.bits for component in components), default=8)
         return cls(path, size, rate, count or None, rotation, upright, bits, seconds, time_base)
+
+    def truncation(self, count: int) -> str:
+        """Return that the clip ends early if it has `count` frames, far fewer than it declares; empty otherwise."""
+        declared = self.declared_frames or 0
+        if count >= MIN_COMPLETE_SHARE * declared:
+            return ""
+        return f"{self.path.name}: ends after {count} of {declared} frames: is the copy truncated?"
 
     def frames(self, indices: Collection[int] | None = None, *, limit: int | None = MAX_FRAMES) -> Generator[Frame]:
         """Decode frames one at a time, in order: the first `limit`, or those with the given indices.

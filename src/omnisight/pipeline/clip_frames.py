@@ -23,6 +23,7 @@ def extract_frames(
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     *,
     topic: str | None = None,
+    warn: Callable[[str], None] = lambda message: None,
 ) -> list[Path]:
     """Write the sharpest frame of each interval of a video clip or a ROS bag as a JPEG file.
 
@@ -40,6 +41,8 @@ def extract_frames(
         Called with the stage, the frames read and their number.
     topic
         Image topic of a bag; it may be left out if only one has images.
+    warn
+        Called with a message if the clip has far fewer frames than it declares.
 
     Returns
     -------
@@ -55,7 +58,8 @@ def extract_frames(
     if not fps > 0:
         raise ValueError(f"fps is {fps:g}; choose a positive number of images per second")
     source, target = Path(clip), Path(folder)
-    total, frames = _open(source, topic, fps)
+    video = None if is_bag(source, topic) else Clip.open(source)
+    total, frames = _of_bag(source, topic, fps) if video is None else _of_clip(video, fps)
     target.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
 
@@ -64,16 +68,19 @@ def extract_frames(
             written.append(target / f"{source.stem}-{frame.index:06d}.jpg")
             write_image(written[-1], frame.image)
 
-    sharpest, most, interval = None, 0.0, 0
+    sharpest, most, interval, count = None, 0.0, 0, 0
     for frame in frames:
+        count = frame.index + 1
         if frame.interval > interval:
             write(sharpest)
             sharpest, interval = None, frame.interval
         sharpness = _sharpness(to_gray8(frame.image))
         if sharpest is None or sharpness > most:
             sharpest, most = frame, sharpness
-        progress("frames of the clip", frame.index + 1, max(total, frame.index + 1))
+        progress("frames of the clip", count, max(total, count))
     write(sharpest)
+    if video is not None and (truncation := video.truncation(count)):
+        warn(truncation)
     return written
 
 
@@ -86,17 +93,20 @@ class _Frame:
     image: NDArray[Any]
 
 
-def _open(source: Path, topic: str | None, fps: float) -> tuple[int, Iterator[_Frame]]:
-    """Return the declared number of frames of a clip or a bag, and those that can be read."""
-    if is_bag(source, topic):
-        bag = ImageBag.open(source, topic)
-        return bag.declared_frames, _of_bag(bag, fps)
-    video = Clip.open(source)
-    length = max(video.frame_rate / fps, 1.0)
-    return video.declared_frames or 0, (_Frame(f.index, int(f.index / length), f.image) for f in video.frames())
+def _of_clip(clip: Clip, fps: float) -> tuple[int, Iterator[_Frame]]:
+    """Return the declared number of frames of a clip, and those that can be read."""
+    length = max(clip.frame_rate / fps, 1.0)
+    frames = clip.frames(limit=None)
+    return clip.declared_frames or 0, (_Frame(f.index, int(f.index / length), f.image) for f in frames)
 
 
-def _of_bag(bag: ImageBag, fps: float) -> Generator[_Frame]:
+def _of_bag(source: Path, topic: str | None, fps: float) -> tuple[int, Iterator[_Frame]]:
+    """Return the number of messages of a bag, and the frames that can be read."""
+    bag = ImageBag.open(source, topic)
+    return bag.declared_frames, _readable(bag, fps)
+
+
+def _readable(bag: ImageBag, fps: float) -> Generator[_Frame]:
     start = None
     for index, frame in enumerate(bag.frames()):
         if frame.image is not None:

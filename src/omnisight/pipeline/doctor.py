@@ -101,6 +101,9 @@ def _examine(
         else:
             recording.unreadable.append(frame.reason)
         report("images", done, max(len(chosen), done))
+    # A truncated clip has none of the images that are chosen after its end.
+    if recording.frames:
+        recording.unreadable.extend(sequence.warnings(recording.frames[-1].index + 1))
     recording.times, recording.times_from = _times(sequence, recording, options)
     return recording
 

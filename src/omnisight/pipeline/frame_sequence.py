@@ -162,6 +162,11 @@ class FrameSequence:
             return width, height
         raise unreadable[0]
 
+    def warnings(self, count: int) -> tuple[str, ...]:
+        """Return the warning that a clip of `count` frames ends early, or none."""
+        truncation = "" if self.clip is None else self.clip.truncation(count)
+        return (truncation,) if truncation else ()
+
     def __iter__(self) -> Iterator[SequenceFrame]:
         """Read all frames; see `frames`."""
         return self.frames()
@@ -180,7 +185,7 @@ class FrameSequence:
 
     def _of_clip(self, clip: Clip, indices: Collection[int] | None) -> Generator[SequenceFrame]:
         last = -math.inf
-        for frame in clip.frames(indices):
+        for frame in clip.frames(indices, limit=None):
             # Some files have no times, or the same for several frames.
             seconds = frame.seconds if frame.seconds > last else frame.index / clip.frame_rate
             last = max(seconds, last + 1e-6)

@@ -71,8 +71,8 @@ class OdometryResult(Displayed):
         Frames per second after the start, with reading them.
     scale
         Metres per baseline, or why it is unknown; None without any measurement besides the images.
-    scale_warnings
-        Scales that contradict each other, and segments whose scale is extrapolated.
+    other_warnings
+        Scales that contradict each other, segments whose scale is extrapolated, and a clip that ends early.
     dropped
         Number of frames of a connected camera that arrived while an earlier one was processed; None for files.
     """
@@ -89,7 +89,7 @@ class OdometryResult(Displayed):
     start_seconds: float
     fps: float
     scale: ScaleEstimate | None = None
-    scale_warnings: tuple[str, ...] = ()
+    other_warnings: tuple[str, ...] = ()
     dropped: int | None = None
 
     def __bool__(self) -> bool:
@@ -117,12 +117,12 @@ class OdometryResult(Displayed):
         """Warnings that measurements contradict each other, or the images the camera."""
         unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
         if not self.residual > MAX_RESIDUAL:
-            return *unknown, *self.scale_warnings
+            return *unknown, *self.other_warnings
         text = (
             f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
             " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
         )
-        return text, *unknown, *self.scale_warnings
+        return text, *unknown, *self.other_warnings
 
     @property
     def reason(self) -> str:
@@ -256,7 +256,7 @@ def _run(
         start_seconds=started - start,
         fps=fps,
         scale=scaled.scale,
-        scale_warnings=scaled.warnings,
+        other_warnings=(*scaled.warnings, *sequence.warnings(frames)),
         dropped=None if sequence.camera is None else sequence.camera.dropped,
     )
 
