@@ -1,5 +1,6 @@
 """Report of `omnisight demo`."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -50,7 +51,8 @@ def print_map_report(demonstration: DemoMap, output: Path) -> None:
     print_reconstruction(demonstration.result, output)
     error = f"{1000 * demonstration.median_error_m:.2f} mm (median) after a similarity transform"
     print(f"positions   error {error}, on a path of {demonstration.path_m:.1f} m")
-    print(f"\nOpen the viewer in a browser, or export the model:\n\n  omnisight export {output} --to splat -o splat/")
+    command = shlex.join(["omnisight", "export", str(output), "--to", "splat", "--images", str(demonstration.images)])
+    print(f"\nOpen the viewer in a browser, or export the model:\n\n  {command} -o splat/")
 
 
 def print_map_json(demonstration: DemoMap, output: Path) -> None:
