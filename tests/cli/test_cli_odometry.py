@@ -142,6 +142,19 @@ def test_an_image_of_another_size_or_an_unreadable_first_image_is_lost(run, room
     assert "2 cannot be read: 000000.jpg: empty file" in out
 
 
+@pytest.mark.parametrize("command", ["odometry", "doctor"])
+def test_the_option_that_the_message_proposes_scales_the_camera(run, room, tmp_path, command):
+    camera = om.load(room / "camera.json").scaled(2.0)
+    om.save(dataclasses.replace(camera, size=(800, 600)), tmp_path / "large.json")
+    output = ("-o", "t.tum") if command == "odometry" else ()
+    arguments = command, room / "images", "--camera", tmp_path / "large.json", *output
+    status, out, err = run(*arguments)
+    assert status == 2
+    assert "scale the camera (--scale-camera)" in out + err
+    status, _, err = run(*arguments, "--scale-camera")
+    assert (status, err) == (0, "")
+
+
 def test_a_truncated_clip_is_reported(run, room, tmp_path):
     write_clip(tmp_path / "whole.avi", [om.read_image(path) for path in sorted((room / "images").iterdir())])
     data = (tmp_path / "whole.avi").read_bytes()

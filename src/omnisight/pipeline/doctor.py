@@ -114,7 +114,7 @@ def _camera(
     """Return the camera of a sequence, or None with the reason."""
     (found,) = CameraSources.of(source, None, None).sources
     try:
-        return camera_of_image(found, sequence.size, sequence.label, name=None, scale=options.scale), ""
+        return camera_of_image(found, sequence.size, sequence.label, name=None, scale=options.scale_camera), ""
     except ValueError as error:
         return None, str(error)
 

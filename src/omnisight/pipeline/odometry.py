@@ -300,7 +300,7 @@ def _body(sources: CameraSources, sequence: FrameSequence, options: OdometryOpti
             " images (omnisight reconstruct --camera auto), and specify the file (--camera)"
         )
     (source,) = sources.sources
-    return camera_of_image(source, sequence.size, sequence.label, name=None, scale=options.scale)
+    return camera_of_image(source, sequence.size, sequence.label, name=None, scale=options.scale_camera)
 
 
 def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]] | None:

@@ -19,13 +19,13 @@ class SequenceOptions(Options):
         10.
     topic
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
-    scale
+    scale_camera
         Scale the camera to the size of the images, if they were resized.
     """
 
     fps: float | None = None
     topic: str | None = None
-    scale: bool = False
+    scale_camera: bool = False
 
     def __post_init__(self) -> None:
         """Check the rate."""
