@@ -4,8 +4,6 @@ import csv
 import errno
 import json
 import re
-import shlex
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -252,6 +250,7 @@ def test_poses_of_a_rig_are_reconstructed_in_metres(run, rig_images, tmp_path):
     status, out, _ = run("reconstruct", rig_images / "images", *rig, "-o", tmp_path / "model", "--json")
     assert status == 0
     assert json.loads(out)["registered"] == 10
+    assert 0 < json.loads(out)["scale_sigma"] < 0.05
     model = om.read_reconstruction(tmp_path / "model")
     assert model.has_scale
     assert len(model.rig_from_world) == 5
@@ -259,6 +258,16 @@ def test_poses_of_a_rig_are_reconstructed_in_metres(run, rig_images, tmp_path):
     positions = np.array([pose.inverse().translation for pose in model.rig_from_world])
     true = np.linalg.norm(POSES[4].translation - POSES[0].translation)
     assert np.linalg.norm(positions[4] - positions[0]) == pytest.approx(true, rel=0.02)
+
+
+def test_an_uncertain_scale_of_a_rig_is_reported(run, rig_images, tmp_path, monkeypatch):
+    arguments = rig_images / "images", "--rig", rig_images / "rig.json", "-o", tmp_path / "model"
+    for sigma, text in ((0.3, "metres, ± 30.00% (1σ)"), (40.0, "unknown: the cameras of the rig are too close")):
+        monkeypatch.setattr(om.Reconstruction, "scale_sigma", sigma)
+        status, out, _ = run("reconstruct", *arguments)
+        assert status == 0
+        assert f"scale       {text}" in out
+        assert "warning     the scale is uncertain" in out
 
 
 def test_cameras_of_an_unknown_rig_are_reconstructed_with_it(run, rig_images, tmp_path):
@@ -297,22 +306,6 @@ def test_a_camera_without_calibration_is_estimated_with_a_warning(run, rig_image
     radii = [camera.project(bearings)[0][:, 0] - camera.model.cx for camera in (true, found)]
     np.testing.assert_allclose(radii[1], radii[0], rtol=0.02)
     assert found.covariance is not None
-
-
-def test_the_demo_reconstructs_a_rendered_walk(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_COUNT", 12)
-    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_WIDTH_PX", 512)
-    output = tmp_path / "a walk"
-    status, out, _ = run("demo", output, "--map")
-    assert status == 0
-    assert "model       12 of 12 images" in out
-    assert float(re.search(r"^positions +error ([\d.]+) mm", out, re.MULTILINE)[1]) < 10
-    assert (output / "map" / "viewer.html").as_uri() in out
-    assert (output / "map" / "viewer.html").stat().st_size > 10_000
-    _, *command = shlex.split(out.splitlines()[-1])
-    status, _, err = run(*command)
-    assert (status, err) == (0, "")
-    assert Path("splat/sparse/0/cameras.bin").stat().st_size > 0
 
 
 @pytest.mark.peer

@@ -122,3 +122,16 @@ def test_positions_of_a_rig_have_its_unit():
     ones = np.full(len(a), 0.4 * 0.002)
     found = average_positions(15, RelativePositions(a, b, displacement, arm, ones, ones, ones)).positions
     assert np.linalg.norm(found - frames, axis=1).max() < 0.02 * np.linalg.norm(frames, axis=1).max()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_unit_that_no_displacement_determines_is_positive(seed):
+    """Displacements along a path without turns, each between the same two sensors."""
+    rng, count = np.random.default_rng(seed), 9
+    a = np.arange(count - 1)
+    arm = np.array([0.02, 0.01, 0.3]) + rng.normal(0, 1e-9, (count - 1, 3))
+    displacement = rng.normal(size=(count - 1, 3))
+    ones = np.full(count - 1, 0.01)
+    positions, unit = average_positions(count, RelativePositions(a, a + 1, displacement, arm, ones, ones, 100 * ones))
+    assert 0 < unit < np.inf
+    assert np.isfinite(positions).all()

@@ -10,7 +10,7 @@ from omnisight.display import rounded
 from omnisight.pipeline.reconstruct import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
-from omnisight.sfm.georeference import Georeference
+from omnisight.sfm.georeference import MAX_SCALE_SIGMA, Georeference
 from omnisight.sfm.reconstruction import Reconstruction
 
 # Mean number of images per point below which wrong matches can agree with wrong poses.
@@ -47,6 +47,7 @@ def summary(result: ReconstructionResult) -> dict[str, object]:
         "rms_px": model.rms_px if model and has_points else None,
         "mean_track_length": model.mean_track_length if model and has_points else None,
         "has_scale": bool(model and model.has_scale),
+        "scale_sigma": model.scale_sigma if model and model.has_scale and np.isfinite(model.scale_sigma) else None,
         "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
         "focal_length_changes": {
@@ -101,8 +102,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             figure = "unknown, no pose is verified" if np.isnan(sigma) else f"± {sigma:.4f}° (1σ, median{which})"
             print(f"rotation    {figure}")
         if model.has_scale:
-            sigma = f", ± {model.scale_sigma:.2%} (1σ)" if np.isfinite(model.scale_sigma) else ""
-            print(f"scale       metres{sigma}")
+            print(f"scale       {_describe_scale(model)}")
         elif len(model.rig_from_world) > 1:
             print("scale       arbitrary")
         if result.georeferences:
@@ -135,7 +135,20 @@ def weaknesses(model: Reconstruction) -> list[str]:
         names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
         number = f"{len(model.unverified)} {'pose is' if len(model.unverified) == 1 else 'poses are'}"
         found.append(f"{number} not verified by points in three or more images: {names}; take more images there")
+    if model.scale_sigma > MAX_SCALE_SIGMA and model.has_scale:
+        found.append(
+            "the scale is uncertain: the cameras of the rig are close to each other for the distance of the points;"
+            " take images closer to them"
+        )
     return found
+
+
+def _describe_scale(model: Reconstruction) -> str:
+    """Return how well the metre of a model is known."""
+    sigma = model.scale_sigma
+    if sigma >= 1:
+        return "unknown: the cameras of the rig are too close to each other for the distance of the points"
+    return f"metres, ± {sigma:.2%} (1σ)" if np.isfinite(sigma) else "metres"
 
 
 def _print_georeference(georeference: Georeference, model: Reconstruction) -> None:

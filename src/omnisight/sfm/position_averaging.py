@@ -21,6 +21,9 @@ Indices = NDArray[np.intp]
 SCALES, OUTSIDE_TREE = (*(100.0 * 0.5**k for k in range(5)), *[5.0] * 3), 1e-6
 # Gap of a triangle of correct displacements, relative to its longest side.
 MAX_TRIANGLE_GAP = 0.1
+# Information of the prior that the unit of a rig is zero, relative to that of all displacements for known positions:
+# above rounding errors, so that the equations can be solved if nothing determines the unit, and far below OUTSIDE_TREE.
+UNIT_PRIOR = 1e-13
 # Noise of a direction besides that of the relative pose, radians.
 MIN_DIRECTION_SIGMA = 1e-3
 
@@ -88,11 +91,14 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     if has_arms:
         matrix = hstack([matrix, csr_array(np.einsum("erc,ec->er", half, edges.arm).reshape(-1, 1))]).tocsr()
     right = np.einsum("erc,ec->er", half, edges.displacement).ravel()
+    prior = np.zeros(matrix.shape[1])
+    if has_arms:
+        prior[-1] = UNIT_PRIOR * float((matrix[:, [-1]] ** 2).sum())
 
     def solve(weights: Array) -> tuple[Array, Array]:
         """Return the solution and the lengths (E,) of the residuals."""
         weighted = diags_array(np.repeat(weights, 3)) @ matrix
-        solution = np.asarray(spsolve((matrix.T @ weighted).tocsc(), weighted.T @ right), float)
+        solution = np.asarray(spsolve((matrix.T @ weighted + diags_array(prior)).tocsc(), weighted.T @ right), float)
         return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
     weights = support = edges.support / edges.support.mean()
@@ -105,7 +111,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
     if not has_arms:
         return AveragedPositions(positions, 1.0)
-    normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix
+    normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix + diags_array(prior)
     last = np.append(np.zeros(matrix.shape[1] - 1), 1.0)
     sigma = float(np.sqrt(np.asarray(spsolve(normal.tocsc(), last), float)[-1]))
     unit = max(float(solution[-1]), sigma)
