@@ -95,7 +95,8 @@ def demo(tmp_path_factory):
     for name, setup in (("fisheye", fisheye_setup(480)), ("mirror", mirror_setup(360))):
         subfolder = folder / "omnisight-demo" / name
         subfolder.mkdir(parents=True)
-        om.save(setup.camera, subfolder / "camera.json")
+        # The calibration with a checkerboard does not know that the camera looks into a mirror.
+        om.save(om.flip_frame(setup.camera) if name == "mirror" else setup.camera, subfolder / "camera.json")
         om.write_image(subfolder / "room.jpg", setup.renderer(samples=1)().image)
     return folder
 

@@ -6,6 +6,7 @@ from omnisight.calibration.lines.pixel_chains import PixelChains as PixelChains
 from omnisight.calibration.lines.result import LinesCalibration as LinesCalibration
 from omnisight.camera import Camera as Camera
 from omnisight.camera import FieldOfView as FieldOfView
+from omnisight.conversion import flip_frame as flip_frame
 from omnisight.corners import read_corners as read_corners
 from omnisight.features import FeatureOptions as FeatureOptions
 from omnisight.features import Keypoints as Keypoints

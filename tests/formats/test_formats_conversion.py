@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from omnisight.camera import Camera
-from omnisight.conversion import DENSE_GRID, MIN_DENSE_SAMPLES, convert_model, max_convertible_theta
+from omnisight.conversion import DENSE_GRID, MIN_DENSE_SAMPLES, convert_model, flip_frame, max_convertible_theta
 from omnisight.formats import format_names, get_format, save
 from omnisight.models import model_class, model_names
 
@@ -103,3 +103,21 @@ def test_fisheye_converts_to_every_format(name, tmp_path):
             continue
     assert near
     assert min(near) < 1e-3  # a polynomial of four coefficients in place of more
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_a_flipped_camera_sees_the_mirror_image_of_the_world(name):
+    model = model_class(name).example()
+    camera = Camera(model, (1000, 800), covariance=np.diag(np.arange(1.0, len(model.params) + 1)))
+    if name in ("ocam", "spline"):
+        with pytest.raises(ValueError, match="exchanges left and right"):
+            flip_frame(camera)
+        return
+    flipped = flip_frame(camera)
+    bearings, pixels = camera.samples()
+    projected, valid = flipped.project(bearings * (-1, 1, 1))
+    assert valid.all()
+    np.testing.assert_allclose(projected, pixels, atol=1e-9)
+    assert flipped != camera
+    assert flip_frame(flipped) == camera
+    assert np.array_equal(np.diag(flipped.covariance), np.diag(camera.covariance))

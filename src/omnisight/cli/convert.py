@@ -23,6 +23,7 @@ def convert(
     max_error: float = 1.0,
     force: bool = False,
     invert_extrinsics: bool = False,
+    flip: bool = False,
 ) -> None:
     """Write a camera or a rig in another format, in another camera model if necessary, and print the error.
 
@@ -51,6 +52,9 @@ def convert(
         Write the file whatever its error.
     invert_extrinsics
         Of a rig: use the inverse of the poses in the file; `inspect --images` checks them.
+    flip
+        Exchange left and right of the camera frame: a camera that looks into one mirror, if it was calibrated with
+        boards without markers, and is used together with other cameras. Its views then need no --flip.
     """
     from omnisight.cli._convert_report import (
         print_conversion,
@@ -64,7 +68,7 @@ def convert(
     from omnisight.pipeline.convert import convert as convert_file
     from omnisight.pipeline.convert_rig import ConvertRigResult, convert_rig
 
-    options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics)
+    options = ConvertOptions(to, model, output, name, distance, max_theta, max_error, force, invert_extrinsics, flip)
     if len(camera) > 1 and name is not None:
         raise ValueError(
             f"--name {name}: {len(camera)} files are joined to one rig: leave the name out, or convert one"

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from omnisight.array_kinds import to_numpy
 from omnisight.camera import Camera
 from omnisight.choices import Options
-from omnisight.features.detection_views import DetectionView, pixel_grid, tangent_views, valid_region, whole_image
+from omnisight.features.detection_views import (
+    DetectionView,
+    MirroredView,
+    pixel_grid,
+    tangent_views,
+    valid_region,
+    whole_image,
+)
 from omnisight.features.detectors import DETECTORS, Detector
 from omnisight.features.keypoints import Keypoints, concatenate
 from omnisight.images import estimate_image_field, to_gray8
@@ -48,7 +55,12 @@ class FeatureOptions(Options):
 
 
 def detect_features(
-    image: NDArray[Any], camera: Camera, options: FeatureOptions | None = None, *, mask: NDArray[Any] | None = None
+    image: NDArray[Any],
+    camera: Camera,
+    options: FeatureOptions | None = None,
+    *,
+    mask: NDArray[Any] | None = None,
+    mirrored: bool = False,
 ) -> Keypoints:
     """Detect keypoints with bearings, covariances and descriptors.
 
@@ -66,6 +78,9 @@ def detect_features(
         By default SIFT in views.
     mask
         (H, W), not 0 where keypoints are wanted; by default everywhere.
+    mirrored
+        Describe the mirror images of the keypoints. They match if the frame of the camera is reflected, see
+        `flip_frame`.
 
     Returns
     -------
@@ -87,6 +102,7 @@ def detect_features(
     gray = _brightened(gray, valid)
     detector = DETECTORS[options.kind]
     views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
+    views = [MirroredView(view) for view in views] if mirrored else views
     found = parallel_map(lambda view: _detect_in_view(view, gray, valid, detector, options.max_keypoints), views)
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
     if mask is not None:

@@ -67,26 +67,35 @@ class DetectionView(Protocol):
 
 
 class WholeImage:
-    """The image itself, with columns repeated at the seam of a 360 image, and not mirrored."""
+    """The image itself, with columns repeated at the seam of a 360 image."""
 
     def __init__(self, camera: Camera) -> None:
         period = camera.model.period
         self._camera = camera
         self._margin = MARGIN_PX if period is not None and abs(period - camera.width) < 0.5 else 0
-        self._mirrored = _is_mirrored(camera)
         self.cell = np.full((camera.height, camera.width + 2 * self._margin), 255, np.uint8)
 
     def __call__(self, image: Bytes) -> Bytes:
-        wrapped = np.pad(image, ((0, 0), (self._margin, self._margin)), "wrap")
-        return np.ascontiguousarray(wrapped[:, ::-1] if self._mirrored else wrapped)
+        return np.pad(image, ((0, 0), (self._margin, self._margin)), "wrap")
 
     def locate(self, pixels: Array) -> Located:
-        source = pixels.copy()
-        if self._mirrored:
-            source[:, 0] = self.cell.shape[1] - 1 - source[:, 0]
-        source[:, 0] -= self._margin
+        source = pixels - (self._margin, 0)
         bearings, valid, d_pixel, _ = self._camera.model.unproject_with_jacobians(source)
         return Located(source, bearings, d_pixel, valid & self._camera.in_image(source))
+
+
+class MirroredView:
+    """Another view, with left and right exchanged."""
+
+    def __init__(self, view: DetectionView) -> None:
+        self._view = view
+        self.cell = np.ascontiguousarray(view.cell[:, ::-1])
+
+    def __call__(self, image: Bytes) -> Bytes:
+        return np.ascontiguousarray(self._view(image)[:, ::-1])
+
+    def locate(self, pixels: Array) -> Located:
+        return self._view.locate(pixels * (-1, 1) + (self.cell.shape[1] - 1, 0))
 
 
 class TangentView:
@@ -144,8 +153,9 @@ def tangent_views(camera: Camera) -> list[DetectionView]:
 
 @lru_cache(maxsize=4)
 def whole_image(camera: Camera) -> list[DetectionView]:
-    """Return the image itself as the only view."""
-    return [WholeImage(camera)]
+    """Return the image itself, or its mirror image if the camera exchanges left and right, as the only view."""
+    image = WholeImage(camera)
+    return [MirroredView(image) if _is_mirrored(camera) else image]
 
 
 @lru_cache(maxsize=4)

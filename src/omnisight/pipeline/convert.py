@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.choices import Options
-from omnisight.conversion import Conversion, convert_model, max_convertible_theta, rank_conversions
+from omnisight.conversion import Conversion, convert_model, flip_frame, max_convertible_theta, rank_conversions
 from omnisight.display import Displayed, rounded
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
@@ -41,6 +41,8 @@ class ConvertOptions(Options):
         Write the file whatever its error.
     invert_extrinsics
         Of a rig: use the inverse of the poses in the file.
+    flip
+        Exchange left and right of the camera frame, see `flip_frame`.
     """
 
     format: str = "native"
@@ -52,6 +54,7 @@ class ConvertOptions(Options):
     max_error_px: float = 1.0
     force: bool = False
     invert_extrinsics: bool = False
+    flip: bool = False
 
 
 @dataclass(frozen=True)
@@ -125,10 +128,19 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
     camera, conversion = convert_camera(source, target, options)
+    camera = _flipped(camera, path) if options.flip else camera
     output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
     return ConvertResult(source, camera, conversion, written, target.CONVENTION)
+
+
+def _flipped(camera: Camera, path: Path) -> Camera:
+    """Return the camera in the reflected frame; raise ValueError with the name of its file if that is impossible."""
+    try:
+        return flip_frame(camera)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error} (--model)") from error
 
 
 def target_format(options: ConvertOptions) -> Format:

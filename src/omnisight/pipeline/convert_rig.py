@@ -63,6 +63,8 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
     path, target = paths[0], target_format(options)
+    if options.flip:
+        raise ValueError(f"{path}: --flip is for one camera, and a rig is converted: specify --name")
     if options.format not in rig_format_names():
         raise ValueError(
             f"{target.TITLE} holds no rigs; {', '.join(rig_format_names())} do. To convert one of its cameras, specify"

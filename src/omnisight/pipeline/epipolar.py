@@ -23,6 +23,10 @@ from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
 
 Array = NDArray[np.float64]
 
+# Standard deviations by which matches of mirror images exceed the others if a frame is reflected: the counts are of
+# 4000 keypoints, and the level 1e-5 leaves room for scenes that are nearly symmetric.
+MIN_MIRRORED_SIGMA = 4.26
+
 
 @dataclass(frozen=True, eq=False)
 class EpipolarResult(Displayed):
@@ -146,7 +150,11 @@ def epipolar(
     of_a, of_b = (detect_features(p.image, p.camera, features, mask=p.mask) for p in (a, b))
     matches = match_features(of_a, of_b)
     pose = estimate_relative_pose(_pairs(of_a, of_b, matches), RansacOptions(seed=options.seed))
-    reason = _failure((a, b), (of_a, of_b), pose) or _lack_of_matches((of_a, of_b), matches, pose)
+    reason = (
+        _reflection((a, b), of_a, len(matches), features)
+        or _failure((a, b), (of_a, of_b), pose)
+        or _lack_of_matches((of_a, of_b), matches, pose)
+    )
     motion = pose.motion if not reason or pose.motion.name == "ambiguous" else MotionModel("no overlap", reason)
     return EpipolarResult((a, b), (of_a, of_b), matches, pose, motion, time.perf_counter() - start, reason)
 
@@ -159,6 +167,26 @@ def _pairs(a: Keypoints, b: Keypoints, matches: Matches) -> BearingPairs:
     a, b = a[matches.pairs[:, 0]], b[matches.pairs[:, 1]]
     pairs = BearingPairs.of(a.bearings, b.bearings, a.covariance, b.covariance, None)
     return replace(pairs, is_noise_known=False)
+
+
+def _reflection(photos: tuple[Photo, Photo], of_a: Keypoints, match_count: int, options: FeatureOptions) -> str:
+    """Return that the frame of one of two different cameras is reflected; empty if their images match as they are.
+
+    Boards without markers do not determine whether a camera looks into a mirror, and few wrong matches may agree with
+    a pose. Images of one camera match in a reflected frame too, and so do their poses.
+    """
+    a, b = photos
+    if a.camera.model == b.camera.model:
+        return ""
+    mirrored = len(match_features(of_a, detect_features(b.image, b.camera, options, mask=b.mask, mirrored=True)))
+    if mirrored - match_count <= MIN_MIRRORED_SIGMA * np.sqrt(mirrored + match_count):
+        return ""
+    blind = [photo.label for photo in photos if photo.camera.theta_min > 0]
+    which = f"the camera of {blind[0]}" if len(blind) == 1 else "the camera that looks into a mirror"
+    return (
+        f"the frame of one camera is reflected: {mirrored} keypoints match the mirror image, {match_count} the image."
+        f" Boards without markers do not determine that; convert {which} with omnisight convert --to native --flip"
+    )
 
 
 def _failure(photos: tuple[Photo, Photo], keypoints: tuple[Keypoints, Keypoints], pose: RelativePose) -> str:
