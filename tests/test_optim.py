@@ -5,6 +5,7 @@ import scipy.optimize
 from omnisight.geometry import rotation as so3
 from omnisight.optim.gauss_newton import NormalEquations, gauss_newton, gauss_newton_batch
 from omnisight.optim.levenberg_marquardt import minimize
+from omnisight.optim.ransac import RansacOptions
 
 
 def rosenbrock(x):
@@ -317,3 +318,16 @@ def test_a_problem_whose_steps_are_never_finite_has_not_converged():
     found = minimize(Singular(), np.zeros(2))
     assert not found.converged
     assert "no finite solution" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": -1}, "seed must be 0 or more, got -1"),
+        ({"max_iterations": 0}, "max_iterations must be at least 1"),
+        ({"confidence": 1.0}, "confidence must be between 0 and 1"),
+    ],
+)
+def test_options_of_the_search_are_checked(change, message):
+    with pytest.raises(ValueError, match=message):
+        RansacOptions(**change)

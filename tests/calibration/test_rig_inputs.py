@@ -200,6 +200,23 @@ def test_wrong_input_is_refused_with_the_value(tmp_path):
             om.calibrate_rig(observations, dataclasses.replace(FISHEYE, times=tmp_path / "times.csv"))
 
 
+def test_the_same_images_for_two_cameras_are_refused():
+    left = rig_scene("stereo", 6).observe(np.random.default_rng(3))["left"]
+    with pytest.raises(ValueError, match="the images of left and right are identical"):
+        om.calibrate_rig({"left": left, "right": left}, FISHEYE)
+
+
+def test_notes_on_the_images_of_a_camera_are_reported():
+    observations = rig_scene("stereo", 6).observe(np.random.default_rng(3), outliers=0.0)
+    calibration = om.calibrate_rig(observations, FISHEYE)
+    assert calibration.notes == ()
+    left, right = calibration.cameras
+    notes = om.Detections(None, notes=("3 images of another size are left out",))
+    views = {board: dataclasses.replace(views, detections=notes) for board, views in right.boards.items()}
+    calibration = dataclasses.replace(calibration, cameras=(left, dataclasses.replace(right, boards=views)))
+    assert calibration.notes == ("right: 3 images of another size are left out",)
+
+
 def test_exchanged_folders_of_known_cameras_are_recognized(tmp_path):
     true = rig_scene("stereo", 6)
     wide = dataclasses.replace(true.rig.cameras[1].model, fx=380.0, fy=380.0)

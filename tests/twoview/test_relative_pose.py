@@ -109,6 +109,7 @@ def test_identical_and_rotated_bearings_are_rotations(sigma_deg):
         ({"bearings_a": np.zeros((5, 3))}, r"bearings_a\[0\] is \[0. 0. 0.\]: not a direction"),
         ({"bearings_a": np.full((5, 3), np.nan)}, "not a direction"),
         ({"sigma_deg": 0.0}, "sigma_deg must be positive"),
+        ({"sigma_deg": np.inf}, "sigma_deg must be positive and finite"),
         ({"covariance_a": np.ones((5, 3, 3))}, "covariances of both cameras"),
         ({"covariance_a": np.ones((5, 3)), "covariance_b": np.ones((5, 3))}, "covariances must have the shape"),
         ({"covariance_a": np.zeros((5, 3, 3)), "covariance_b": np.zeros((5, 3, 3))}, "is not positive"),

@@ -116,6 +116,15 @@ def test_wrong_arrays_are_refused(arguments, message):
         om.resect(*arguments, camera=CAMERA)
 
 
+def test_a_rig_is_refused_with_the_names_of_its_cameras():
+    rig = om.Rig.from_sensors({"left": (CAMERA, om.Pose()), "right": (CAMERA, om.Pose())})
+    with pytest.raises(ValueError, match=r"a rig of 2 cameras \(left, right\): pass one of them"):
+        om.resect(OBJECT, np.zeros((40, 2)), camera=rig)
+    image = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    with pytest.raises(ValueError, match="pass one of them"):
+        om.epipolar(image, image, rig)
+
+
 def test_the_camera_may_be_a_file(tmp_path):
     om.save(CAMERA, tmp_path / "camera.json")
     pixels, _ = CAMERA.project(OBJECT + np.array([0.0, 0.0, 3.0]))

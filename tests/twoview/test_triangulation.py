@@ -94,6 +94,8 @@ def test_cameras_that_do_not_see_a_point_change_nothing(points):
 
 
 def test_arrays_of_other_shapes_are_refused():
+    with pytest.raises(ValueError, match="cam_from_world must hold poses"):
+        om.triangulate([np.eye(4)] * 2, np.ones((2, 5, 3)))
     with pytest.raises(
         ValueError, match=r"bearings must have the shape \(V, N, 3\) with V >= 2 poses, got \(1, 5, 3\)"
     ):

@@ -57,6 +57,7 @@ def print_json(calibration: RigCalibration) -> None:
         "rms": calibration.rms,
         "verdict": str(calibration.verdict),
         "reasons": list(calibration.reasons),
+        "notes": list(calibration.notes),
         "seconds": calibration.seconds,
     }
     if not metric:
@@ -108,6 +109,8 @@ def print_report(calibration: RigCalibration, written: Path | None) -> None:
     if rig.time_offsets:
         offsets = ", ".join(f"{n} {1e3 * t:+.1f} ms" for n, t in zip(rig.names, rig.time_offsets, strict=True))
         out.print(f"{'time':<10}{offsets}")
+    for note in calibration.notes:
+        out.print(f"{'note':<10}{note}", soft_wrap=True)
     print_verdict(out, calibration.verdict)
     if is_verbose():
         seconds = {name: value for name, value in calibration.seconds.items() if name != "total"}

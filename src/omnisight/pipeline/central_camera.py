@@ -9,6 +9,7 @@ from omnisight.camera import Camera
 from omnisight.display import rounded
 from omnisight.formats import load
 from omnisight.ray_camera import RayCamera
+from omnisight.rig import Rig
 from omnisight.views import sphere
 from omnisight.views.remapper import is_resized, size_mismatch
 
@@ -44,7 +45,16 @@ def central_camera(
 
 
 def load_camera(source: AnyCameraSource, name: str | None = None) -> Camera | RayCamera:
-    """Return a camera, or that of a calibration file of any format."""
+    """Return a camera, or that of a calibration file of any format.
+
+    Raises
+    ------
+    ValueError
+        If it is a rig, or the file cannot be read.
+    """
+    if isinstance(source, Rig):
+        names = ", ".join(source.names)
+        raise ValueError(f"a rig of {len(source)} cameras ({names}): pass one of them, such as rig.cameras[0]")
     return source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
 
 

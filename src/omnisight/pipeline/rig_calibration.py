@@ -67,6 +67,17 @@ class RigCalibration(Displayed):
         """One sentence per failed check, with what to do; the worst first."""
         return self.verdict.reasons
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know of the images: other sizes, copies, mirrored markers."""
+        return tuple(
+            f"{camera.name}: {note}"
+            for camera in self.cameras
+            for views in camera.boards.values()
+            if views.detections is not None
+            for note in views.detections.notes
+        )
+
     @cached_property
     def lengths(self) -> list[Array]:
         """For each part of the observations (N,) the residual length of each corner, px."""

@@ -203,6 +203,19 @@ def _dropped(observations: Observations, options: CalibrateRigOptions) -> Observ
     return drop_images(observations, [name for name in options.drop if name in known])
 
 
+def check_different_images(cameras: Sequence[RigCamera]) -> None:
+    """Raise ValueError if the images of two cameras have the same corners: they are the same images."""
+    for k, own in enumerate(cameras):
+        for other in cameras[:k]:
+            if all(
+                board in other.boards and np.array_equal(views.pixels, other.boards[board].pixels)
+                for board, views in own.boards.items()
+            ):
+                raise ValueError(
+                    f"the images of {other.name} and {own.name} are identical: specify the images of each camera"
+                )
+
+
 def check_not_exchanged(cameras: Sequence[RigCamera]) -> None:
     """Check that no known camera fits the images of another one better than its own.
 

@@ -125,8 +125,8 @@ def tangent_covariances(bearings: Array, covariance: ArrayLike | None, sigma_deg
     project = np.eye(3) - bearings[:, :, None] * bearings[:, None, :]
     if covariance is None:
         sigma = np.radians(np.asarray(sigma_deg, float))
-        if sigma.ndim > 1 or sigma.shape not in ((), (len(bearings),)) or not (sigma > 0).all():
-            raise ValueError(f"sigma_deg must be positive, one number or one per bearing, got {sigma_deg}")
+        if sigma.ndim > 1 or sigma.shape not in ((), (len(bearings),)) or not ((sigma > 0) & (sigma < np.inf)).all():
+            raise ValueError(f"sigma_deg must be positive and finite, one number or one per bearing, got {sigma_deg}")
         return np.broadcast_to(sigma**2, len(bearings))[:, None, None] * project
     given = np.asarray(covariance, float)
     if given.shape != (len(bearings), 3, 3):

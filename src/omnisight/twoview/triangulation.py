@@ -109,6 +109,8 @@ def _world_rays(
     cam_from_world: Sequence[Pose], bearings: ArrayLike, origins: ArrayLike | None
 ) -> tuple[NDArray[np.bool_], tuple[Array, Array, Array]]:
     """Return which rays exist (V, N), their origins and directions (N, V, 3) in the world, and rotations (V, 3, 3)."""
+    if wrong := [pose for pose in cam_from_world if not isinstance(pose, Pose)]:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ValueError(f"cam_from_world must hold poses (omnisight.Pose), got {type(wrong[0]).__name__}")
     b = np.asarray(bearings, float)
     if b.ndim != 3 or b.shape[2] != 3 or len(b) != len(cam_from_world) or len(b) < 2:
         raise ValueError(
