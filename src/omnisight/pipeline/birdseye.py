@@ -25,7 +25,7 @@ from omnisight.pipeline.vehicle import camera_rectangle, vehicle_occlusion
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 from omnisight.views.ground_view import Bowl, GroundView
-from omnisight.views.remapper import size_mismatch
+from omnisight.views.image_size import size_mismatch
 from omnisight.views.surround_remapper import SurroundRemapper
 
 Image = NDArray[Any]

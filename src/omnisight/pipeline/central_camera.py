@@ -11,7 +11,7 @@ from omnisight.formats import load
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.views import sphere
-from omnisight.views.remapper import is_resized, size_mismatch
+from omnisight.views.image_size import is_resized, size_mismatch
 
 CameraSource = Camera | str | PathLike[str]
 AnyCameraSource = CameraSource | RayCamera

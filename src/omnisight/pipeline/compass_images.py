@@ -17,8 +17,8 @@ from omnisight.pipeline.central_camera import CameraSource, camera_of_image, cen
 from omnisight.pipeline.compass_options import CompassOptions
 from omnisight.places.panorama_rotation import PanoramaSignature
 from omnisight.views import Remapper, sphere
+from omnisight.views.image_size import is_resized
 from omnisight.views.maps import extrapolation_mask
-from omnisight.views.remapper import is_resized
 
 CompassImage = str | PathLike[str] | NDArray[Any]
 

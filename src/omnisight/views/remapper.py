@@ -8,7 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.array_kinds import like, to_numpy
 from omnisight.camera import Camera
+from omnisight.rig import Rig
+from omnisight.views.image_size import size_mismatch
 from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
+from omnisight.views.rig_view import remap_rig
 from omnisight.views.view_cameras import MAX_SIDE_PX
 
 Image = NDArray[Any]
@@ -27,24 +30,26 @@ OUTSIDE_PX = -9999.0
 
 def remap(
     image: Image | Sequence[Image],
-    source: Camera,
+    source: Camera | Rig,
     target: Camera,
     target_from_source: ArrayLike | None = None,
     *,
     interpolation: Interpolation = "bilinear",
     border: Border = 0.0,
     antialias: bool = True,
+    distance: float = float("inf"),
 ) -> Image:
-    """Remap an image from its camera to another camera.
+    """Remap an image from its camera, or the images of a rig, to another camera.
 
     Parameters
     ----------
     image
         (H, W) or (H, W, 1 to 4), or a batch of images (N, H, W) or (N, H, W, 1 to 4), uint8, uint16 or float, taken by
         `source`. A list of images is stacked to a batch. Arrays of other libraries, such as PyTorch tensors, are
-        answered in their kind, without gradients.
+        answered in their kind, without gradients. Of a rig: the simultaneous images of its cameras, in their order.
     source, target
-        The camera of the image and the camera of the view.
+        The camera of the image, or the rig, and the camera of the view. The cameras of a rig are blended where their
+        fields of view overlap, each where it resolves the scene best.
     target_from_source
         (3, 3) rotation of bearings from source to view (see `look`); the identity by default.
     interpolation
@@ -54,6 +59,8 @@ def remap(
         half a pixel and set the rest to 0.
     antialias
         Average source pixels where the view is smaller than the source.
+    distance
+        Of a rig: distance of the scene from its origin, in its unit. Other distances have parallax at the seams.
 
     Returns
     -------
@@ -62,8 +69,14 @@ def remap(
     Raises
     ------
     ValueError
-        If the size of the image differs from that of its camera.
+        If the size of an image differs from that of its camera, or an option is not for rigs.
     """
+    if isinstance(source, Rig):
+        if interpolation != "bilinear" or border != 0.0 or not antialias:
+            raise ValueError("images of a rig are remapped with bilinear interpolation, antialiasing and a border of 0")
+        return remap_rig([to_numpy(each) for each in image], source, target, target_from_source, distance=distance)
+    if distance != float("inf"):
+        raise ValueError("distance is for rigs: the view of one central camera does not depend on it")
     return Remapper(
         source, target, target_from_source, interpolation=interpolation, border=border, antialias=antialias
     )(image)
@@ -245,25 +258,6 @@ class Remapper:
         if isinstance(self.border, str):
             result[~self.mask] = 0
         return result.reshape(*result.shape[:2], *image.shape[2:])
-
-
-def is_resized(size: tuple[int, int], expected: tuple[int, int]) -> bool:
-    """Return whether two sizes have the same aspect ratio, within a pixel of the smaller one."""
-    (width, height), (other_width, other_height) = size, expected
-    return abs(width * other_height - other_width * height) <= max(width, other_width)
-
-
-def size_mismatch(size: tuple[int, int], expected: tuple[int, int]) -> str:
-    """Return the message for an image whose size differs from that of its camera, with the remedy."""
-    if min(expected) < 1:
-        return f"the image is {size[0]}x{size[1]}, and the camera file has no image size: add it to the file"
-    sizes = f"the image is {size[0]}x{size[1]}, the camera {expected[0]}x{expected[1]}"
-    if is_resized(size, expected):
-        ratio = size[0] / expected[0]
-        return f"{sizes}: {ratio:.4g} times as large; if the image was resized, scale the camera (--scale-camera)"
-    if size == expected[::-1]:
-        return f"{sizes}: rotated by 90 degrees; was its EXIF orientation applied?"
-    return f"{sizes}: a different aspect ratio; a camera is valid only for images like those of its calibration"
 
 
 def magnification(source: Camera, target: Camera, target_from_source: NDArray[np.float64]) -> tuple[float, float]:
