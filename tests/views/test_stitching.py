@@ -44,16 +44,20 @@ def test_a_seam_stays_in_the_overlap():
     assert overlap[find_seam(GRID, *images, overlap).row, np.arange(columns)].all()
 
 
-def test_gains_and_vignetting_are_recovered_from_an_overlap():
+@pytest.mark.parametrize("pairs", [[(0, 1)], [(1, 0), (2, 1), (2, 0)]])
+def test_gains_and_vignetting_are_recovered_from_overlaps(pairs):
     rng = np.random.default_rng(1)
-    light = rng.uniform(0.1, 0.5, (4000, 3))
-    radius = rng.uniform(0.6, 1.0, (2, 4000))
-    gains = np.array([[0.2, 0.0, -0.1], [-0.2, 0.0, 0.1]])
-    colors = []
-    for k in range(2):
-        seen = light * np.exp(gains[k]) * np.exp(-0.25 * radius[k] ** 4)[:, None]
-        colors.append(255 * np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055))
-    found = estimate_photometry([OverlapSamples((0, 1), tuple(colors), tuple(radius))], 2)
+    gains = np.array([[0.2, 0.0, -0.1], [-0.2, 0.05, 0.1], [0.0, -0.05, 0.0]])[: max(map(max, pairs)) + 1]
+    gains -= gains.mean(0)
+    samples = []
+    for pair in pairs:
+        light, radius = rng.uniform(0.1, 0.5, (4000, 3)), rng.uniform(0.6, 1.0, (2, 4000))
+        colors = []
+        for k, own in zip(pair, radius, strict=True):
+            seen = light * np.exp(gains[k]) * np.exp(-0.25 * own**4)[:, None]
+            colors.append(255 * np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055))
+        samples.append(OverlapSamples(pair, tuple(colors), tuple(radius)))
+    found = estimate_photometry(samples, len(gains))
     assert np.abs(found.log_gain - gains).max() < 0.02
     loss = sum(c * 1.0 for c in found.vignetting) - sum(
         c * 0.6**p for c, p in zip(found.vignetting, (2, 4, 8), strict=True)

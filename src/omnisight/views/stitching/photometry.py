@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,39 +83,58 @@ def estimate_photometry(samples: Sequence[OverlapSamples], count: int) -> Photom
     count
         Number of cameras C.
     """
-    rows, values = [np.zeros((0, 3 * count + len(POWERS)))], [np.zeros(0)]
+    blocks: list[_Block] = []
     for part in samples:
         a, b = (np.asarray(c, float) for c in part.colors)
         use = ((a > MIN_LEVEL) & (a < MAX_LEVEL) & (b > MIN_LEVEL) & (b < MAX_LEVEL)).all(1)
         difference = np.log(_light(a[use])) - np.log(_light(b[use]))
         shape = np.stack([part.radius[0][use] ** p - part.radius[1][use] ** p for p in POWERS], -1)
-        for channel in range(3):
-            block = np.zeros((len(difference), 3 * count + len(POWERS)))
-            block[:, 3 * part.cameras[0] + channel], block[:, 3 * part.cameras[1] + channel] = 1, -1
-            block[:, 3 * count :] = shape
-            rows.append(block)
-            values.append(difference[:, channel])
-    design, target = np.concatenate(rows), np.concatenate(values)
-    x = _robust_solution(design, target, count)
+        gains = np.column_stack([np.ones(len(shape)), shape])
+        blocks += [
+            _Block([3 * i + channel for i in part.cameras], gains, difference[:, channel]) for channel in range(3)
+        ]
+    x = _robust_solution(blocks, count)
     return Photometry(x[: 3 * count].reshape(count, 3), x[3 * count :])
 
 
-def _robust_solution(design: Array, target: Array, count: int) -> Array:
-    """Return gains and coefficients by iteratively reweighted least squares; light only decreases with the radius."""
+class _Block(NamedTuple):
+    """Equations of one channel of an overlap: design (N, 4) times (gain a - gain b, coefficients) = target (N,)."""
+
+    gains: list[int]
+    design: Array
+    target: Array
+
+    def unknowns(self, count: int) -> Array:
+        """Return the matrix (4, 3 C + 3) that maps all unknowns to those of the block."""
+        result = np.zeros((1 + len(POWERS), 3 * count + len(POWERS)))
+        result[0, self.gains] = 1.0, -1.0
+        result[1:, 3 * count :] = np.eye(len(POWERS))
+        return result
+
+
+def _robust_solution(blocks: Sequence[_Block], count: int) -> Array:
+    """Return gains and coefficients by iteratively reweighted least squares; light only decreases with the radius.
+
+    The normal equations are summed over the four unknowns of each block: the whole design of a million rows, most of
+    them zeros, would take ten times as long.
+    """
     from scipy.optimize import lsq_linear  # imported on use: scipy is slow to import
 
     sigma = np.concatenate([np.full(3 * count, GAIN_PRIOR), np.full(len(POWERS), VIGNETTING_PRIOR)])
-    prior = np.diag(HUBER_LOG / sigma)
     high = np.concatenate([np.full(3 * count, np.inf), np.full(len(POWERS), 1e-9)])
-    weight, x = np.ones(len(target)), np.zeros(design.shape[1])
-    scale = INDEPENDENT_SAMPLES / max(len(target) / 3, 1)
+    x = np.zeros(len(sigma))
+    weights = [np.ones(len(block.target)) for block in blocks]
+    scale = INDEPENDENT_SAMPLES / max(sum(map(len, weights)) / 3, 1)
     for _ in range(ROUNDS):
-        weighted = design * (scale * weight)[:, None]
-        normal, right = weighted.T @ design + prior**2, weighted.T @ target
+        normal, right = np.diag((HUBER_LOG / sigma) ** 2), np.zeros(len(sigma))
+        for block, weight in zip(blocks, weights, strict=True):
+            weighted, unknowns = block.design * (scale * weight)[:, None], block.unknowns(count)
+            normal += unknowns.T @ (weighted.T @ block.design) @ unknowns
+            right += unknowns.T @ (weighted.T @ block.target)
         root = np.linalg.cholesky(normal)
         x = np.asarray(lsq_linear(root.T, np.linalg.solve(root, right), bounds=(np.full(len(x), -np.inf), high)).x)
-        residual = np.abs(design @ x - target)
-        weight = HUBER_LOG / np.maximum(residual, HUBER_LOG)
+        residuals = [np.abs(block.design @ (block.unknowns(count) @ x) - block.target) for block in blocks]
+        weights = [HUBER_LOG / np.maximum(residual, HUBER_LOG) for residual in residuals]
     return x
 
 
