@@ -54,6 +54,8 @@ def map(
         write_map(output, made)
         write_viewer(output / "viewer.html", made.reconstruction, folder if folder.is_dir() else folder.parent)
     work.remove()
+    for warning in result.warnings:
+        warn(warning)
     if is_json():
         print_map_json(made, result)
     if made is None:

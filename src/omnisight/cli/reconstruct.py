@@ -64,6 +64,8 @@ def reconstruct(
     if result:
         remove_models(output, first=len(result.models))
     work.remove()
+    for warning in result.warnings:
+        warn(warning)
     if is_json():
         print_json(result)
     if not result:

@@ -5,7 +5,14 @@ from omnisight.images.exif import GeodeticPosition, exif_orientation, exif_posit
 from omnisight.images.gray import to_gray8
 from omnisight.images.image_field import ImageField, downsample, estimate_image_field
 from omnisight.images.mask import read_mask
-from omnisight.images.read import UnreadableImage, decode_image, read_bytes, read_image
+from omnisight.images.read import (
+    UnreadableImage,
+    decode_image,
+    read_bytes,
+    read_image,
+    readable_images,
+    unreadable_warnings,
+)
 from omnisight.images.video import MAX_FRAMES, Clip, Frame
 from omnisight.images.video_files import VIDEO_SUFFIXES
 from omnisight.images.write import encode_image, write_bytes, write_image
@@ -30,7 +37,9 @@ __all__ = [
     "read_bytes",
     "read_image",
     "read_mask",
+    "readable_images",
     "to_gray8",
+    "unreadable_warnings",
     "write_bytes",
     "write_image",
 ]

@@ -1,5 +1,6 @@
 """Reading of image files, with a one-line reason for each file that cannot be read."""
 
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,34 @@ def read_image(path: str | Path, *, apply_exif: bool = False) -> NDArray[Any]:
         If the file is missing, empty, not an image, truncated, damaged or larger than a gigapixel.
     """
     return decode_image(read_bytes(path), Path(path).name, apply_exif=apply_exif)
+
+
+def readable_images(paths: Iterable[Path], *, apply_exif: bool = False) -> Generator[tuple[Path, NDArray[Any]]]:
+    """Read images one at a time with `read_image`; those that cannot be read are left out.
+
+    Raises
+    ------
+    UnreadableImage
+        If none can be read, with the reason of the first.
+    """
+    first, has_image = None, False
+    for path in paths:
+        try:
+            image = read_image(path, apply_exif=apply_exif)
+        except UnreadableImage as error:
+            first = first or error
+            continue
+        has_image = True
+        yield path, image
+    if first is not None and not has_image:
+        raise first
+
+
+def unreadable_warnings(reasons: Sequence[str], images: int) -> tuple[str, ...]:
+    """Return the warning that some of a number of images cannot be read; none without reasons."""
+    if not reasons:
+        return ()
+    return (f"{len(reasons)} of {images} images cannot be read and are left out, the first is {reasons[0]}",)
 
 
 def read_bytes(path: str | Path) -> bytes:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,8 @@ class LocalizedImage(Displayed):
         The most similar image of the map; empty if there is none.
     reason
         Why the pose is unknown; empty otherwise.
+    is_readable
+        Whether the image can be read.
     """
 
     cam_from_world: Pose | None
@@ -111,6 +114,14 @@ class LocalizedImage(Displayed):
     inliers: int
     nearest: str
     reason: str = ""
+    is_readable: bool = True
+
+    @classmethod
+    def without_pose(
+        cls, reason: str, matches: int = 0, inliers: int = 0, nearest: str = "", *, is_readable: bool = True
+    ) -> Self:
+        """Return the result of an image whose pose is unknown."""
+        return cls(None, np.full((6, 6), np.nan), matches, inliers, nearest, reason, is_readable)
 
     def __bool__(self) -> bool:
         """Return whether the pose is known."""
@@ -143,16 +154,15 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
         The map.
     """
     model = visual_map.reconstruction
-    unknown = np.full((6, 6), np.nan)
     places = visual_map.index.query(keypoints, NEIGHBOURS) if len(keypoints) else []
     if not places:
-        return LocalizedImage(None, unknown, 0, 0, "", "no image of the map is similar: another place, or no texture")
+        return LocalizedImage.without_pose("no image of the map is similar: another place, or no texture")
     nearest = model.names[places[0].image]
     rows = np.concatenate([visual_map.rows[place.image] for place in places])
     pairs = match_points(keypoints.descriptors, visual_map.descriptors[rows], model.observations.point[rows])
     if len(pairs) < MIN_MATCHES:
         reason = f"{len(pairs)} matches with the points of the map, at least {MIN_MATCHES} are needed"
-        return LocalizedImage(None, unknown, len(pairs), 0, nearest, reason)
+        return LocalizedImage.without_pose(reason, len(pairs), nearest=nearest)
     seen, points = keypoints[pairs[:, 0]], model.points.position[pairs[:, 1]]
     found, noise = resect(points, seen.bearings, seen.covariance), seen.covariance
     if found:
@@ -161,13 +171,13 @@ def localize(keypoints: Keypoints, visual_map: VisualMap) -> LocalizedImage:
     inliers = int(found.inliers.sum())
     if not found or inliers < MIN_INLIERS:
         reason = found.reason or f"{inliers} of {len(pairs)} matches agree with a pose, {MIN_INLIERS} are needed"
-        return LocalizedImage(None, unknown, len(pairs), inliers, nearest, reason)
+        return LocalizedImage.without_pose(reason, len(pairs), inliers, nearest)
     if inliers < MIN_INLIER_SHARE * len(pairs):
         reason = f"only {inliers} of {len(pairs)} matches agree with a pose: another place with similar objects"
-        return LocalizedImage(None, unknown, len(pairs), inliers, nearest, reason)
+        return LocalizedImage.without_pose(reason, len(pairs), inliers, nearest)
     ratio = _variance_ratio(found, points, seen.bearings, noise)
     are_points_known = np.isfinite(model.points.covariance[pairs[found.inliers, 1]]).all()
-    covariance = ratio * found.covariance if are_points_known else unknown
+    covariance = ratio * found.covariance if are_points_known else np.full((6, 6), np.nan)
     return LocalizedImage(found.cam_from_world, covariance, len(pairs), inliers, nearest)
 
 

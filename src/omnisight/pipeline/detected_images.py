@@ -1,6 +1,6 @@
 """Keypoints of a set of images, through the cameras that took them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints
-from omnisight.images import read_image
+from omnisight.images import UnreadableImage, read_image
 from omnisight.pipeline.camera_sources import CameraSources
 from omnisight.pipeline.image_cameras import ImageCameras, cameras_of_images
 from omnisight.pipeline.image_set import ImageSet
@@ -39,9 +39,11 @@ class DetectedImages:
     camera
         (I,) index of the camera of each image.
     keypoints
-        Keypoints of each image.
+        Keypoints of each image; none of one that cannot be read.
     colors
         Their colours (K, 3), RGB.
+    unreadable
+        The reason why an image cannot be read, by its index.
     refines_cameras
         Whether calibrated cameras are refined, with their covariance as the prior.
     """
@@ -51,6 +53,7 @@ class DetectedImages:
     camera: Indices
     keypoints: list[Keypoints] = field(repr=False)
     colors: list[Bytes] = field(repr=False)
+    unreadable: Mapping[int, str] = field(default_factory=dict[int, str])
     refines_cameras: bool = False
 
     @property
@@ -94,13 +97,17 @@ def detect_images(
     Raises
     ------
     ValueError
-        If an image cannot be read or does not fit its camera, or a camera has no images.
+        If no image of a camera can be read, or one does not fit its camera.
     """
     chosen = cameras_of_images(files, sources, options)
     detect = detect_by_workers if options.has_workers else _detect_in_turn
-    keypoints, colors = zip(*detect(files, chosen, options, progress, work), strict=True)
+    found = list(detect(files, chosen, options, progress, work))
+    unreadable = {i: str(each) for i, each in enumerate(found) if isinstance(each, UnreadableImage)}
+    some, some_colors = next(each for each in found if not isinstance(each, UnreadableImage))
+    none = some[:0], some_colors[:0]
+    keypoints, colors = zip(*(none if isinstance(each, UnreadableImage) else each for each in found), strict=True)
     is_guessed = tuple(bool(candidates) for candidates in chosen.candidates)
-    detected = DetectedImages(chosen.cameras, is_guessed, files.camera, list(keypoints), list(colors))
+    detected = DetectedImages(chosen.cameras, is_guessed, files.camera, list(keypoints), list(colors), unreadable)
     if not any(is_guessed):
         return replace(detected, refines_cameras=options.refine_camera)
     if options.refine_camera:
@@ -115,12 +122,15 @@ def detect_images(
 
 def _detect_in_turn(
     files: ImageSet, chosen: ImageCameras, options: ReconstructOptions, progress: Progress, work: WorkFolder
-) -> Iterator[tuple[Keypoints, Bytes]]:
-    """Yield the keypoints of each image and their colours, which the work folder keeps."""
+) -> Iterator[tuple[Keypoints, Bytes] | UnreadableImage]:
+    """Yield the keypoints of each image and their colours, which the work folder keeps, or why it cannot be read."""
+    features = FeatureOptions(max_keypoints=options.max_keypoints)
     for done, (path, k) in enumerate(zip(files.paths, files.camera.tolist(), strict=True)):
-        image = read_image(path, apply_exif=options.apply_exif)
-        chosen.check_size(image, str(path), k)
-        yield detect(
-            work, image, chosen.cameras[k], FeatureOptions(max_keypoints=options.max_keypoints), chosen.masks[k]
-        )
+        try:
+            image = read_image(path, apply_exif=options.apply_exif)
+        except UnreadableImage as error:
+            yield error
+        else:
+            chosen.check_size(image, str(path), k)
+            yield detect(work, image, chosen.cameras[k], features, chosen.masks[k])
         progress("keypoints", done + 1, len(files))

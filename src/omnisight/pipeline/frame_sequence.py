@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import VIDEO_SUFFIXES, read_image
+from omnisight.images import VIDEO_SUFFIXES, UnreadableImage, read_image, readable_images
 from omnisight.images.live_camera import LiveCamera
-from omnisight.images.read import UnreadableImage
 from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.images.video import Clip
 from omnisight.pipeline.image_set import image_set
@@ -152,15 +151,8 @@ class FrameSequence:
             return self.stream.size
         if self.clip is not None:
             return self.clip.size
-        unreadable = list[UnreadableImage]()
-        for path in (frame[0] for frame in self.files if frame[0] is not None):
-            try:
-                height, width = read_image(path).shape[:2]
-            except UnreadableImage as error:
-                unreadable.append(error)
-                continue
-            return width, height
-        raise unreadable[0]
+        _, image = next(readable_images(frame[0] for frame in self.files if frame[0] is not None))
+        return image.shape[1], image.shape[0]
 
     def warnings(self, count: int) -> tuple[str, ...]:
         """Return the warning that a clip of `count` frames ends early, or none."""

@@ -1,6 +1,7 @@
 """The cameras that took a set of images, their masks, and the candidates for those without calibration."""
 
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
+from omnisight.images import estimate_image_field, read_mask, readable_images, to_gray8
 from omnisight.pipeline.camera_sources import CameraSources
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.image_set import ImageSet
@@ -34,7 +35,7 @@ class ImageCameras:
     candidates
         Possible cameras of each without calibration; none for the others.
     first
-        Name of the first image of each, for messages.
+        Name of the first image of each that can be read, for messages.
     """
 
     cameras: tuple[Camera, ...]
@@ -53,32 +54,33 @@ class ImageCameras:
 
 
 def cameras_of_images(files: ImageSet, sources: CameraSources, options: ReconstructOptions) -> ImageCameras:
-    """Return the camera of each image, by the size of the first one.
+    """Return the camera of each image, by the size of the first one that can be read.
 
     Raises
     ------
     ValueError
-        If a camera has no images, or does not fit its first one.
+        If no image of a camera can be read, or a camera does not fit its first one.
     """
     of_image = files.camera.tolist()
     if missing := [name for k, name in enumerate(sources.names) if k not in of_image]:
         raise ValueError(f"{files.paths[0].parent}: no images of the camera {missing[0]!r}: leave the camera out")
     cameras, masks, candidates = list[Camera](), list[Mask | None](), list[list[Camera]]()
-    first = [files.paths[of_image.index(k)] for k in range(len(sources.sources))]
-    for k, path in enumerate(first):
-        image = read_image(path, apply_exif=options.apply_exif)
+    first = list[str]()
+    for k in range(len(sources.sources)):
+        path, image = next(readable_images(files.of_camera(k), apply_exif=options.apply_exif))
+        first.append(str(path))
         size = image.shape[1], image.shape[0]
         candidates.append(_candidates(files, k, options) if sources.is_unknown(k, size) else [])
         source = candidates[k][0] if candidates[k] else sources.sources[k]
         cameras.append(camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera))
         masks.append(_read_mask(options.mask, sources.names[k] if sources.names else "", size))
-    return ImageCameras(tuple(cameras), tuple(masks), tuple(candidates), tuple(map(str, first)))
+    return ImageCameras(tuple(cameras), tuple(masks), tuple(candidates), tuple(first))
 
 
 def _candidates(files: ImageSet, camera: int, options: ReconstructOptions) -> list[Camera]:
     """Return possible cameras of the images of a camera without calibration."""
-    paths = [path for path, k in zip(files.paths, files.camera, strict=True) if k == camera][:FIELD_IMAGES]
-    images = [to_gray8(read_image(path, apply_exif=options.apply_exif)) for path in paths]
+    readable = islice(readable_images(files.of_camera(camera), apply_exif=options.apply_exif), FIELD_IMAGES)
+    images = [to_gray8(image) for _, image in readable]
     return candidate_cameras(estimate_image_field([image for image in images if image.shape == images[0].shape]))
 
 

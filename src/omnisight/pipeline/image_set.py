@@ -45,6 +45,10 @@ class ImageSet:
         """Return the number of images."""
         return len(self.paths)
 
+    def of_camera(self, camera: int) -> list[Path]:
+        """Return the files of a camera."""
+        return [path for path, k in zip(self.paths, self.camera, strict=True) if k == camera]
+
 
 def image_set(
     images: str | PathLike[str] | Iterable[str | PathLike[str]], cameras: Sequence[str] = (), *, is_rig: bool = False

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.features import FeatureOptions, Keypoints
-from omnisight.images import decode_image
+from omnisight.images import UnreadableImage, decode_image
 from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.storage import file_versions, read_each_below
 from omnisight.pipeline.batch.task import Item, Process, describe
@@ -17,6 +17,9 @@ from omnisight.pipeline.image_set import ImageSet
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.stored_stages import detected_arrays, from_detected_arrays
 from omnisight.pipeline.work_folder import WorkFolder, digest, from_bytes, to_bytes
+
+# Array of an image that cannot be read, in place of its keypoints.
+REASON = "reason"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +47,13 @@ class KeypointTask:
         return describe("keypoints", cameras=cameras, options=self.options, apply_exif=self.apply_exif)
 
     def prepare(self) -> Process:
-        """Return the function from an image file to the file of its keypoints."""
+        """Return the function from an image file to the file of its keypoints, or of why it cannot be read."""
 
         def detect(item: Item, data: Sequence[bytes]) -> list[bytes]:
-            image = decode_image(data[0], item.names[0], apply_exif=self.apply_exif)
+            try:
+                image = decode_image(data[0], item.names[0], apply_exif=self.apply_exif)
+            except UnreadableImage as error:
+                return [to_bytes({REASON: np.array(str(error))})]
             self.cameras.check_size(image, item.inputs[0], item.group)
             camera, mask = self.cameras.cameras[item.group], self.cameras.masks[item.group]
             return [to_bytes(detected_arrays(image, camera, self.options, mask))]
@@ -61,8 +67,10 @@ def detect_by_workers(
     options: ReconstructOptions,
     progress: Callable[[str, int, int], None],
     work: WorkFolder,
-) -> Iterator[tuple[Keypoints, NDArray[np.uint8]]]:
+) -> Iterator[tuple[Keypoints, NDArray[np.uint8]] | UnreadableImage]:
     """Yield the keypoints of each image and their colours (K, 3), which workers detect and the work folder keeps.
+
+    Of an image that cannot be read, the reason is yielded.
 
     Raises
     ------
@@ -87,4 +95,6 @@ def detect_by_workers(
             f"{len(result.failed)} of {len(files)} images cannot be used, the first is {path}: {reason}; replace them,"
             f" and the same command continues; or leave them out, and delete {folder}"
         )
-    yield from (from_detected_arrays(from_bytes(data)) for data in read_each_below(folder, outputs))
+    for data in read_each_below(folder, outputs):
+        arrays = from_bytes(data)
+        yield UnreadableImage(str(arrays[REASON])) if REASON in arrays else from_detected_arrays(arrays)

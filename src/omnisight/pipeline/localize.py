@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from os import PathLike
 
 from omnisight.features import FeatureOptions, detect_features
-from omnisight.images import read_image, read_mask
+from omnisight.images import UnreadableImage, read_image, read_mask
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
 from omnisight.localization.visual_map import localize as localize_keypoints
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
@@ -43,17 +43,26 @@ def localize(
     Raises
     ------
     ValueError
-        If the map or an image cannot be read, or the camera does not fit.
+        If the map or none of the images can be read, or the camera does not fit.
     """
     known = visual_map if isinstance(visual_map, VisualMap) else read_map(visual_map)
     files = image_set(images)
     found: dict[str, LocalizedImage] = {}
+    unreadable = list[UnreadableImage]()
     for path, name in zip(files.paths, files.names, strict=True):
-        image = read_image(path, apply_exif=options.apply_exif)
+        progress("localize", len(found), len(files))
+        try:
+            image = read_image(path, apply_exif=options.apply_exif)
+        except UnreadableImage as error:
+            unreadable.append(error)
+            found[name] = LocalizedImage.without_pose(str(error), is_readable=False)
+            continue
         size = image.shape[1], image.shape[0]
         model = camera_of_image(camera, size, str(path), name=options.name, scale=options.scale_camera)
         mask = None if options.mask is None else read_mask(options.mask, size)
         keypoints = detect_features(image, model, FeatureOptions(max_keypoints=options.max_keypoints), mask=mask)
         found[name] = localize_keypoints(keypoints, known)
-        progress("localize", len(found), len(files))
+    progress("localize", len(found), len(files))
+    if len(unreadable) == len(files):
+        raise unreadable[0]
     return found

@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
+from omnisight.images import unreadable_warnings
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_images
 from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.metric_world import MetricWorld
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.peak_memory import peak_memory_bytes
-from omnisight.pipeline.photo import MIN_KEYPOINTS
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
 from omnisight.pipeline.stored_stages import match
+from omnisight.pipeline.unregistered_images import unregistered_images
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.places import similar_pairs
 from omnisight.rig import Rig
@@ -36,7 +37,7 @@ from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction, covariances
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
-from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph, match_pairs, overlapping_pairs
+from omnisight.sfm.view_graph import Edge, ViewGraph, match_pairs, overlapping_pairs
 
 Pairs = list[tuple[int, int]]
 
@@ -64,6 +65,8 @@ class ReconstructionResult(Displayed):
         Number of images.
     unregistered
         Names of the images that are in no model, with the reason.
+    unreadable
+        Names of those of them that cannot be read.
     seconds
         Time of the whole computation.
     peak_memory_bytes
@@ -84,6 +87,7 @@ class ReconstructionResult(Displayed):
     models: tuple[Reconstruction, ...]
     images: int
     unregistered: dict[str, str] = field(repr=False)
+    unreadable: tuple[str, ...] = field(repr=False)
     seconds: float
     peak_memory_bytes: int | None = None
     reason: str = ""
@@ -95,6 +99,11 @@ class ReconstructionResult(Displayed):
     def __bool__(self) -> bool:
         """Return whether there is a model."""
         return bool(self.models)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warning that images cannot be read, or none."""
+        return unreadable_warnings([self.unregistered[name] for name in self.unreadable], self.images)
 
 
 def reconstruct(
@@ -137,7 +146,7 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If there are no images, one cannot be read, a camera does not fit, or COLMAP is the engine and is not installed
+        If no image of a camera can be read, a camera does not fit, or COLMAP is the engine and is not installed
         or fails.
     """
     start = time.perf_counter()
@@ -155,14 +164,16 @@ def reconstruct(
     if sources.ray_cameras:
         maps, georeferences = world.place([task.with_exact_rays(found, detected, graph) for found in maps])
     models = task.models(maps, detected, world.origin)
-    unregistered = _unregistered(files, models, detected, graph)
+    unregistered = unregistered_images(files, models, detected, graph)
+    unreadable = tuple(files.names[i] for i in detected.unreadable)
     return ReconstructionResult(
         models,
         len(files),
         unregistered,
+        unreadable,
         time.perf_counter() - start,
         peak_memory_bytes(),
-        reason="" if models else next(iter(unregistered.values())),
+        reason="" if models else next(why for name, why in unregistered.items() if name not in unreadable),
         simultaneous=files.rule,
         self_calibrated=tuple(name for name, guessed in zip(task.names, detected.is_guessed, strict=True) if guessed),
         focal_length_changes=changes,
@@ -314,27 +325,3 @@ def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Seque
     together = [(edge.a, edge.b) for edge in edges if images.frame[edge.a] == images.frame[edge.b]]
     others = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
     return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose).edges
-
-
-def _unregistered(
-    files: ImageSet, models: Sequence[Reconstruction], detected: DetectedImages, graph: ViewGraph
-) -> dict[str, str]:
-    """Return the names of the images that are in no model, with the reason."""
-    registered = {name for model in models for name in model.names}
-    matched = {image for edge in graph.edges for image in edge.images}
-    return {
-        name: _reason(len(detected.keypoints[i]), len(files), has_edges=i in matched)
-        for i, name in enumerate(files.names)
-        if name not in registered
-    }
-
-
-def _reason(keypoints: int, images: int, *, has_edges: bool) -> str:
-    """Return why an image is in no model, from the numbers of its keypoints and of all images."""
-    if images < 2:
-        return "one image shows no motion: specify a folder of two or more"
-    if keypoints < MIN_KEYPOINTS:
-        return f"{keypoints} keypoints: the image shows no texture in the field of view of its camera"
-    if not has_edges:
-        return f"no overlap: no other image has {MIN_INLIERS} matches that agree with a motion"
-    return "its matches do not agree with the poses of the other images"

@@ -1,0 +1,88 @@
+"""Inputs of omnisight reconstruct, map and localize that are not as expected, on images of a room."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import omnisight as om
+from omnisight.geometry.rotation import exp
+from omnisight.simulation import Renderer, scene_named
+
+SPHERE = om.sphere(480)
+POSES = [om.Pose(exp([0, 0.4 * k, 0]), np.array([0.3 * np.sin(1.1 * k), 0.0, 0.25 * k - 0.4])) for k in range(3)]
+
+
+@pytest.fixture(scope="module")
+def rendered():
+    """Return images of a room."""
+    return [Renderer(SPHERE, pose, scene_named("room"), samples=1)().image for pose in POSES]
+
+
+@pytest.fixture
+def images(rendered, tmp_path):
+    """Return a folder of images."""
+    folder = tmp_path / "images"
+    folder.mkdir()
+    for k, image in enumerate(rendered):
+        om.write_image(folder / f"{k}.png", image)
+    return folder
+
+
+def truncate(image):
+    """Write the beginning of an image to a file before it and to one after it."""
+    for name in ("+.png", "b.png"):
+        image.with_name(name).write_bytes(image.read_bytes()[:3000])
+
+
+@pytest.mark.parametrize("workers", [(), ("--workers", 1)])
+def test_an_unreadable_image_is_left_out_of_a_reconstruction(run, images, workers):
+    truncate(images / "0.png")
+    output = images.parent / "model"
+    status, out, err = run("reconstruct", images, "-o", output, "--json", *workers)
+    assert status == 0, err
+    found = json.loads(out)
+    assert found["images"] == 5
+    reasons = {name: why for name, why in found["unregistered"].items() if name in ("+.png", "b.png")}
+    assert sorted(reasons) == ["+.png", "b.png"]
+    assert all(re.match(rf"{re.escape(name)}: (truncated|damaged) PNG", why) for name, why in reasons.items())
+    assert f"omnisight: warning: 2 of 5 images cannot be read and are left out, the first is {reasons['+.png']}" in err
+    assert found["registered"] == 3
+
+
+def test_one_readable_image_shows_no_motion(run, images):
+    truncate(images / "0.png")
+    for name in ("0.png", "1.png"):
+        (images / name).unlink()
+    status, out, _ = run("reconstruct", images, "-o", images.parent / "model", "--json")
+    assert status == 2
+    assert json.loads(out)["reason"].startswith("one image shows no motion")
+
+
+def test_unreadable_images_only_are_an_error(refuses, images):
+    visual_map, _ = om.build_map(images)
+    om.write_map(images.parent / "map", visual_map)
+    for path in images.iterdir():
+        path.write_bytes(b"")
+    assert "0.png: empty file" in refuses("reconstruct", images, "-o", images.parent / "model")
+    assert "0.png: empty file" in refuses("localize", images, "--map", images.parent / "map")
+
+
+def test_an_unreadable_image_is_left_out_of_a_map_and_reported_by_localize(run, images, tmp_path):
+    truncate(images / "0.png")
+    status, _, err = run("map", images, "-o", tmp_path / "map")
+    assert status == 0, err
+    assert "2 of 5 images cannot be read" in err
+    localize = "localize", images, "--map", tmp_path / "map", "-o", tmp_path / "poses.csv"
+    status, out, err = run(*localize, "--json")
+    assert status == 0, err
+    found = {image["name"]: image for image in json.loads(out)["images"]}
+    assert [name for name, image in found.items() if image["localized"]] == ["0.png", "1.png", "2.png"]
+    assert re.match(r"b\.png: (truncated|damaged) PNG", found["b.png"]["reason"])
+    assert "omnisight: warning: 2 of 5 images cannot be read and are left out, the first is +.png: " in err
+    assert [line.split(",")[0] for line in (tmp_path / "poses.csv").read_text().splitlines()[1:]] == [
+        "0.png",
+        "1.png",
+        "2.png",
+    ]
