@@ -44,3 +44,17 @@ def test_images_that_nothing_makes_simultaneous_are_refused(tmp_path):
     names = ["front/a.jpg", "front/b.jpg", "back/c.jpg"]
     with pytest.raises(ValueError, match="taken at the same time"):
         image_set(folder_of(tmp_path, names), ["front", "back"], is_rig=True)
+
+
+@pytest.mark.parametrize("cameras", [(), ("front", "back")])
+def test_only_the_images_of_a_data_set_are_used(tmp_path, cameras):
+    folders = [f"{camera}/" for camera in cameras] or [""]
+    kinds = [f"{kind}/{k}.png" for kind in ("images", "depth", "normals", "instances") for k in (0, 1)]
+    names = [folder + name for folder in folders for name in [*kinds, "vignette.png"]]
+    files = image_set(folder_of(tmp_path, names), cameras, is_rig=bool(cameras))
+    assert sorted(files.names) == sorted(f"{folder}images/{k}.png" for folder in folders for k in (0, 1))
+    assert sorted(files.frame.tolist()) == sorted([0, 1] * len(folders))
+
+
+def test_the_images_of_a_folder_with_other_images_below_are_used(tmp_path):
+    assert image_set(folder_of(tmp_path, ["1.png", "images/2.png"])).names == ["1.png"]

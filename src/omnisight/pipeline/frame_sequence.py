@@ -122,7 +122,7 @@ class FrameSequence:
             if fps is not None:
                 raise ValueError(f"{source}: a clip has its own times: leave out --fps")
             return cls((), (), str(source), Clip.open(source))
-        found = image_set(_image_folders(source, cameras), cameras, is_rig=bool(cameras))
+        found = image_set(source, cameras, is_rig=bool(cameras))
         count = int(found.frame.max()) + 1
         files: list[list[Path | None]] = [[None] * max(len(cameras), 1) for _ in range(count)]
         for path, camera, frame in zip(found.paths, found.camera, found.frame, strict=True):
@@ -205,12 +205,6 @@ class FrameSequence:
                     width, height = sizes[camera][::-1]
                     reason = f"{path.name}: is {shape[1]}x{shape[0]} px, and images before {width}x{height}"
             yield SequenceFrame(index, seconds, () if reason else images, reason)
-
-
-def _image_folders(source: Path, cameras: tuple[str, ...]) -> Path | list[Path]:
-    """Return the folder, or, where each camera has a folder with depth besides `images`, only these."""
-    folders = [source / name / "images" for name in cameras]
-    return folders if folders and all(folder.is_dir() for folder in folders) else source
 
 
 def _times(

@@ -16,6 +16,9 @@ from omnisight.images.collect import natural_sort_key
 
 Indices = NDArray[np.intp]
 
+# Folders of a data set: images, and images that show the depth.
+IMAGES, DEPTH = "images", "depth"
+
 
 @dataclass(frozen=True, eq=False)
 class ImageSet:
@@ -58,7 +61,8 @@ def image_set(
     Parameters
     ----------
     images
-        Folder, or image files. The sub-folders of a folder without images of its own are searched too.
+        Folder, or image files. The sub-folders of a folder without images of its own are searched too. Of a data set,
+        as `omnisight simulate` writes it, only the folder `images` is used, or that of each camera.
     cameras
         Names of the cameras; without any, all images are of one camera. The path of an image contains the name of its
         camera as a whole word: as a folder, or in the file name.
@@ -71,7 +75,7 @@ def image_set(
         If there are no images, one belongs to no camera, or none of a rig were taken at the same time.
     """
     inputs = [images] if isinstance(images, str | PathLike) else list(images)
-    paths = collect_images([folder for item in inputs for folder in _folders(Path(item))])
+    paths = collect_images([folder for item in inputs for folder in _folders(Path(item), cameras)])
     absolute = [os.path.abspath(path) for path in paths]
     is_folder = len(inputs) == 1 and Path(inputs[0]).is_dir()
     parent = os.path.abspath(inputs[0]) if is_folder else os.path.commonpath([os.path.dirname(p) for p in absolute])
@@ -92,8 +96,13 @@ def assign_images(paths: list[Path], names: list[str], cameras: Sequence[str], *
     return ImageSet(paths, names, camera, frame, rule)
 
 
-def _folders(item: Path) -> list[Path]:
-    """Return an input, or, for a folder without images of its own, its sub-folders with images."""
+def _folders(item: Path, cameras: Sequence[str]) -> list[Path]:
+    """Return an input; for a data set its folders of images; for a folder of no images its sub-folders with images."""
+    of_cameras = [item / name / IMAGES for name in cameras]
+    if of_cameras and all(folder.is_dir() for folder in of_cameras):
+        return of_cameras
+    if all((item / name).is_dir() for name in (IMAGES, DEPTH)):
+        return [item / IMAGES]
     if not item.is_dir() or _has_images(item):
         return [item]
     return sorted(folder for folder in item.rglob("*/") if folder.is_dir() and _has_images(folder)) or [item]
