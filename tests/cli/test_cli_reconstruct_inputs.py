@@ -86,3 +86,12 @@ def test_an_unreadable_image_is_left_out_of_a_map_and_reported_by_localize(run, 
         "1.png",
         "2.png",
     ]
+
+
+@pytest.mark.parametrize("command", ["odometry", "reconstruct", "map"])
+def test_a_file_of_another_kind_is_refused_with_the_formats_of_clips(refuses, tmp_path, command):
+    (tmp_path / "clip.h264").write_bytes(b"\0\0\0\1")
+    error = refuses(command, tmp_path / "clip.h264", "-o", tmp_path / "out")
+    assert "clip.h264: neither a video clip (mp4 mov " in error
+    assert "nor an image (jpg jpeg " in error
+    assert f"ffmpeg -i {tmp_path / 'clip.h264'} " in error

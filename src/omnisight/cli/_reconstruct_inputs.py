@@ -41,11 +41,11 @@ def folder_of_images(
     images: Path, output: Path, options: ReconstructOptions, *, has_rig: bool
 ) -> tuple[Path, bool, ReconstructOptions]:
     """Return the folder or file of the images, whether they are extracted from a clip or bag, and the options."""
-    from omnisight.images import VIDEO_SUFFIXES
     from omnisight.images.ros_bag import is_bag
+    from omnisight.images.video import is_clip as is_video_clip
 
     has_topic = is_bag(images, options.topic)
-    is_clip = has_topic or (images.suffix.lower() in VIDEO_SUFFIXES and not images.is_dir())
+    is_clip = has_topic or is_video_clip(images)
     if has_topic and has_rig:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")
     if is_clip and options.pairs == "auto":

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.display import Displayed
+from omnisight.images.collect import IMAGE_SUFFIXES
 from omnisight.images.planes import Yuv, rotated
 from omnisight.images.read import UnreadableImage
-from omnisight.images.video_files import avi_frame_count, find_defect
+from omnisight.images.video_files import VIDEO_SUFFIXES, avi_frame_count, find_defect
 from omnisight.parallel import thread_count
 
 # A larger frame is refused before memory is allocated for it.
@@ -29,6 +30,24 @@ DEFAULT_FRAME_RATE = 30.0
 CONTAINER_UNITS = 1_000_000
 
 FFMPEG_HINT = "convert it, for example with: ffmpeg -i {} -c:v libx264 -crf 10 clip.mp4"
+
+
+def is_clip(path: Path) -> bool:
+    """Return whether a path is a video clip, by its extension, and not images.
+
+    Raises
+    ------
+    ValueError
+        If it is a file of another kind.
+    """
+    is_video = path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir()
+    if path.is_file() and not is_video and path.suffix.lower() not in IMAGE_SUFFIXES:
+        clips, images = (" ".join(suffix[1:] for suffix in each) for each in (VIDEO_SUFFIXES, IMAGE_SUFFIXES))
+        raise ValueError(
+            f"{path}: neither a video clip ({clips}) nor an image ({images}) by its extension; if it is a clip,"
+            f" {FFMPEG_HINT.format(path)}"
+        )
+    return is_video
 
 
 @dataclass(frozen=True, eq=False)

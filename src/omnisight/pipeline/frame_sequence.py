@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from omnisight.images import VIDEO_SUFFIXES, UnreadableImage, read_image, readable_images
 from omnisight.images.live_camera import LiveCamera
 from omnisight.images.ros_bag import ImageBag, is_bag
-from omnisight.images.video import Clip
+from omnisight.images.video import Clip, is_clip
 from omnisight.pipeline.image_set import image_set
 
 # Images per second of a folder without times.
@@ -116,7 +116,7 @@ class FrameSequence:
             if fps is not None:
                 raise ValueError(f"{source}: a bag has its own times: leave out --fps")
             return cls((), (), str(source), stream=ImageBag.open(source, topic))
-        if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
+        if is_clip(source):
             if cameras:
                 raise ValueError(f"{source}: a clip has the images of one camera, and the rig has {len(cameras)}")
             if fps is not None:
