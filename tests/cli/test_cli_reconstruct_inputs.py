@@ -8,6 +8,8 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
+from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.known_positions import read_positions
 from omnisight.simulation import Renderer, scene_named
 
 SPHERE = om.sphere(480)
@@ -95,3 +97,39 @@ def test_a_file_of_another_kind_is_refused_with_the_formats_of_clips(refuses, tm
     assert "clip.h264: neither a video clip (mp4 mov " in error
     assert "nor an image (jpg jpeg " in error
     assert f"ffmpeg -i {tmp_path / 'clip.h264'} " in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "table", "message"),
+    [
+        (
+            ("--positions", "gps.csv"),
+            "0.png,47,8,4\n1.png,147,8,4",
+            "gps.csv, line 3: the latitude 147 is not from -90 to 90",
+        ),
+        (
+            ("--positions", "gps.csv"),
+            "0.png,47,-181,4",
+            "gps.csv, line 2: the longitude -181 is not from -180 to 360 degrees",
+        ),
+        (("--scale", "0.png", "0", "3m"), "", "--scale 0.png 0 3m: specify two different images"),
+    ],
+)
+def test_impossible_measurements_are_refused(refuses, images, monkeypatch, arguments, table, message):
+    monkeypatch.chdir(images.parent)
+    (images.parent / "gps.csv").write_text(f"name,latitude,longitude,altitude\n{table}\n")
+    assert message in refuses("reconstruct", images, *arguments, "-o", "model")
+
+
+def test_rows_without_a_number_are_reported(images):
+    files = image_set(images)
+    table = images.parent / "gps.csv"
+    table.write_text("name,x,y,z\n0.png,1,2,3\n1.png,nan,2,3\n2.png,1,2\nother.png,,,\n")
+    found = read_positions(table, files)
+    assert np.isfinite(found.positions).all(axis=1).tolist() == [True, False, False]
+    reason = "not used: without a finite number for each of x, y, z"
+    assert found.warnings == (f"{table}: 2 lines of images, the first is 3, are {reason}",)
+    table.write_text("name,lat,lon,alt\n0.png,47,8,\n1.png,47,8.0001,\n2.png,,8,\n")
+    found = read_positions(table, files)
+    assert np.isfinite(found.positions).all(axis=1).tolist() == [True, True, False]
+    assert found.warnings[0].startswith(f"{table}: line 4 is not used: ")

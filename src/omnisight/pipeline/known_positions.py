@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -19,6 +19,8 @@ EXIF_BYTES = 1 << 17
 EXIF = "exif"
 METRIC = ("x", "y", "z")
 GEODETIC = ("latitude", "longitude", "altitude")
+# Least and largest angle; longitudes are counted from -180° or from 0°.
+DEGREES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
 SHORT = {"lat": "latitude", "lon": "longitude", "lng": "longitude", "alt": "altitude", "image": "name", "file": "name"}
 
 
@@ -32,10 +34,13 @@ class KnownPositions:
         (I, 3) metres; NaN if unknown. East, north and up of the origin, if there is one.
     origin
         On the ellipsoid WGS 84; None for positions in another frame.
+    warnings
+        Rows of a table that are not used.
     """
 
     positions: Array
     origin: GeodeticPosition | None = None
+    warnings: tuple[str, ...] = ()
 
     @classmethod
     def of_geodetic(cls, positions: Array) -> "KnownPositions":
@@ -64,7 +69,7 @@ def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
     Raises
     ------
     ValueError
-        If no image has a position, or the file is damaged.
+        If no image has a position, the file is damaged, or a latitude or longitude is impossible.
     """
     found = _exif_positions(files) if str(source) == EXIF else _read_table(Path(source), files)
     if not np.isfinite(found.positions).all(axis=1).any():
@@ -119,16 +124,34 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
     name_column, columns = header.index("name"), [header.index(column) for column in kind]
     number = {name: i for i, name in reversed(list(enumerate(files.names)))}
     number |= {PurePosixPath(name).name: i for name, i in number.items()}
-    positions = np.full((len(files), 3), np.nan)
+    positions, line_of_image = np.full((len(files), 3), np.nan), dict[int, int]()
     for line, row in enumerate(rows[1:], start=2):
-        if row and len(row) > max(name_column, *columns) and row[name_column] in number:
-            positions[number[row[name_column]]] = _numbers([row[c] for c in columns], f"{path}, line {line}")
-    return KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
+        if len(row) > name_column and (image := number.get(row[name_column])) is not None:
+            cells = [row[c] if c < len(row) else "" for c in columns]
+            positions[image], line_of_image[image] = _position(cells, kind, f"{path}, line {line}"), line
+    found = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
+    unknown = set(np.flatnonzero(~np.isfinite(found.positions).all(axis=1)).tolist())
+    return replace(
+        found, warnings=_unused_rows(path, [line for i, line in line_of_image.items() if i in unknown], kind)
+    )
 
 
-def _numbers(cells: Sequence[str], where: str) -> Array:
+def _position(cells: Sequence[str], kind: Sequence[str], where: str) -> Array:
     """Return the numbers of cells, NaN of empty ones; raise ValueError with their place for others."""
     try:
-        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+        numbers = np.array([float(cell) if cell.strip() else np.nan for cell in cells])
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
+    for name, number in zip(kind, numbers.tolist(), strict=True):
+        least, most = DEGREES.get(name, (-np.inf, np.inf))
+        if number < least or number > most:
+            raise ValueError(f"{where}: the {name} {number:g} is not from {least:g} to {most:g} degrees")
+    return numbers
+
+
+def _unused_rows(path: Path, lines: Sequence[int], kind: Sequence[str]) -> tuple[str, ...]:
+    """Return the warning that rows of images have no position; none without rows."""
+    if not lines:
+        return ()
+    rows = f"line {lines[0]} is" if len(lines) == 1 else f"{len(lines)} lines of images, the first is {lines[0]}, are"
+    return (f"{path}: {rows} not used: without a finite number for each of {', '.join(kind)}",)

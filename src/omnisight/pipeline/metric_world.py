@@ -36,7 +36,8 @@ class MetricWorld:
         Raises
         ------
         ValueError
-            If an image is unknown, a length has no unit, no position can be read, or the rig determines the scale.
+            If an image is unknown, both are the same, a length has no unit, no position can be read, or the rig
+            determines the scale.
         """
         if options.positions is not None:
             return cls(positions=read_positions(options.positions, files))
@@ -44,13 +45,21 @@ class MetricWorld:
             return cls()
         if sources.has_scale:
             raise ValueError("the distances between the cameras of the rig determine the scale: leave scale out")
-        a, b, length = options.scale
-        return cls(distance=(image_named(files, a), image_named(files, b), parse_length(length, "--scale")))
+        *names, length = options.scale
+        a, b = (image_named(files, name) for name in names)
+        if a == b:
+            raise ValueError(f"--scale {' '.join(options.scale)}: specify two different images")
+        return cls(distance=(a, b, parse_length(length, "--scale")))
 
     @property
     def is_known(self) -> bool:
         """Whether anything was measured in metres."""
         return self.positions is not None or self.distance is not None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Measurements that are not used."""
+        return () if self.positions is None else self.positions.warnings
 
     @property
     def origin(self) -> GeodeticPosition | None:

@@ -82,6 +82,8 @@ class ReconstructionResult(Displayed):
         may belong to other images.
     georeferences
         How each model was scaled or brought to known positions; none if there are no measurements in metres.
+    other_warnings
+        Known positions that are not used.
     """
 
     models: tuple[Reconstruction, ...]
@@ -95,6 +97,7 @@ class ReconstructionResult(Displayed):
     self_calibrated: tuple[str, ...] = ()
     focal_length_changes: Mapping[str, FocalLengthChange] = field(default_factory=dict[str, FocalLengthChange])
     georeferences: tuple[Georeference, ...] = ()
+    other_warnings: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there is a model."""
@@ -102,8 +105,9 @@ class ReconstructionResult(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warning that images cannot be read, or none."""
-        return unreadable_warnings([self.unregistered[name] for name in self.unreadable], self.images)
+        """Warnings that images cannot be read, or known positions are not used."""
+        unreadable = unreadable_warnings([self.unregistered[name] for name in self.unreadable], self.images)
+        return *unreadable, *self.other_warnings
 
 
 def reconstruct(
@@ -178,6 +182,7 @@ def reconstruct(
         self_calibrated=tuple(name for name, guessed in zip(task.names, detected.is_guessed, strict=True) if guessed),
         focal_length_changes=changes,
         georeferences=georeferences,
+        other_warnings=world.warnings,
     )
 
 
