@@ -237,6 +237,29 @@ def test_an_interrupted_run_keeps_its_poses(run, room, monkeypatch):
     assert len(read_trajectory("t.tum").poses) == 8
 
 
+@pytest.mark.parametrize("name", ["t.tum", "t.kitti"])
+@pytest.mark.parametrize("interrupts", [False, True])
+def test_a_run_without_poses_keeps_an_earlier_trajectory(run, room, tmp_path, monkeypatch, name, interrupts):
+    folder = tmp_path / "gray"
+    folder.mkdir()
+    for k in range(4):
+        om.write_image(folder / f"{k}.png", np.full((300, 400), 128, np.uint8))
+    (tmp_path / name).write_text("an earlier trajectory")
+    if interrupts:
+        monkeypatch.setattr("omnisight.visual_odometry.odometry.Odometry.finish", interrupt)
+    status, _, err = run("odometry", folder, "--camera", room / "camera.json", "-o", tmp_path / name)
+    assert status == (130 if interrupts else 2)
+    assert "holds the poses so far" not in err
+    assert (tmp_path / name).read_text() == "an earlier trajectory"
+    (tmp_path / name).unlink()
+    run("odometry", folder, "--camera", room / "camera.json", "-o", tmp_path / name)
+    assert not (tmp_path / name).exists()
+
+
+def interrupt(tracking):
+    raise KeyboardInterrupt
+
+
 @pytest.mark.parametrize(
     "option", [("--height", "1.4m"), ("--distance", "0", "13", "1.2m")], ids=["height", "distance"]
 )

@@ -91,10 +91,11 @@ def _run_live(
 
 @contextmanager
 def _keeping_poses(output: Path) -> Generator[None]:
-    """State after Ctrl-C where the poses so far are."""
+    """State after Ctrl-C where the poses so far are, if there are any."""
+    before = output.stat().st_mtime_ns if output.is_file() else None
     try:
         yield
     except KeyboardInterrupt:
-        if output.is_file():
+        if output.is_file() and output.stat().st_mtime_ns != before:
             print(f"{output} holds the poses so far", file=sys.stderr)
         raise

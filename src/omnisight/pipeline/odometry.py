@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import load_rig
-from omnisight.geometry.pose import Pose
 from omnisight.images.mask import read_mask
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
@@ -157,7 +156,8 @@ def odometry(
     options
         Options of the command.
     output
-        Trajectory to write. Poses are appended as soon as they are known; the file is replaced once loops are closed.
+        Trajectory to write. The first pose replaces an earlier file, and further ones are appended as soon as they
+        are known; the file is replaced once loops are closed.
     progress
         Called with the stage, the number of frames done, and of all.
 
@@ -234,13 +234,13 @@ def _run(
     known = ScaleSources.of(options, len(sequence.files))
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     path = None if output is None else Path(output)
-    with nullcontext() if path is None else TrajectoryWriter.create(path, _format(path, options)) as file:
+    with nullcontext() if path is None else TrajectoryWriter.of_path(path, _format(path, options)) as file:
         frames, started = _track(sequence, tracking, known, file, watch)
     elapsed = time.perf_counter() - started
     closed = _close_loops(tracking, options, report)
     scaled = _in_metres(tracking, closed, known)
     # A pipe or a device holds the poses of tracking.
-    if (options.loops or scaled.scale) and path is not None and path.is_file():
+    if (options.loops or scaled.scale) and scaled.poses and path is not None and path.is_file():
         replace_trajectory(path, _format(path, options), scaled.poses, frames)
     fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
     return OdometryResult(
@@ -248,8 +248,8 @@ def _run(
         frames=frames,
         keyframes=tracking.keyframes,
         lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
-        loops=_scaled_loops(closed.loops, scaled),
-        rejected_loops=_scaled_loops(closed.rejected, scaled),
+        loops=scaled.loops(closed.loops),
+        rejected_loops=scaled.loops(closed.rejected),
         correction=closed.correction * scaled.metres,
         unit="m" if scaled.scale or tracking.has_scale else "baselines",
         residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
@@ -330,14 +330,6 @@ def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> 
     if closed:
         known.correct(tracking.trajectory, closed.trajectory)
     return known.apply(closed.trajectory, tracking.lost, closed.loops)
-
-
-def _scaled_loops(loops: Sequence[Loop], scaled: ScaledTrajectory) -> tuple[Loop, ...]:
-    """Return loops in the unit of the trajectory."""
-    scales = [scaled.metres_of_frame.get(loop.first, 1.0) for loop in loops]
-    poses = [loop.first_from_last for loop in loops]
-    moved = [Pose(p.rotation, metres * p.translation) for p, metres in zip(poses, scales, strict=True)]
-    return tuple(replace(loop, first_from_last=pose) for loop, pose in zip(loops, moved, strict=True))
 
 
 def _format(path: Path, options: OdometryOptions) -> Format:

@@ -58,6 +58,13 @@ class ScaledTrajectory:
         """Metres per unit of the trajectory before, of its first segment."""
         return self.scale.metres if self.scale else 1.0
 
+    def loops(self, loops: Sequence[Loop]) -> tuple[Loop, ...]:
+        """Return loops of the trajectory before in the unit of this one."""
+        scales = [self.metres_of_frame.get(loop.first, 1.0) for loop in loops]
+        poses = [loop.first_from_last for loop in loops]
+        moved = [Pose(p.rotation, metres * p.translation) for p, metres in zip(poses, scales, strict=True)]
+        return tuple(replace(loop, first_from_last=pose) for loop, pose in zip(loops, moved, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class WorldInMetres:

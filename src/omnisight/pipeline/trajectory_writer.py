@@ -1,6 +1,6 @@
 """Trajectory files that are written while the trajectory is computed."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from io import StringIO
 from pathlib import Path
 from types import TracebackType
@@ -21,6 +21,8 @@ def trajectory_format(path: Path) -> Format:
 class TrajectoryWriter:
     """Appends poses to a file: an interrupted run keeps those that it has found.
 
+    The file is created or replaced with the first pose: a run without any keeps an earlier file.
+
     TUM: lines of `timestamp tx ty tz qx qy qz qw`, world_from_rig, without the frames whose pose is not known. KITTI:
     the matrix world_from_rig (3, 4) of each frame in a row, NaN where the pose is not known.
 
@@ -30,39 +32,49 @@ class TrajectoryWriter:
         Number of poses written.
     """
 
-    def __init__(self, file: TextIO, format: Format) -> None:
-        """Start an open file."""
+    def __init__(self, create: Callable[[], TextIO], format: Format) -> None:
+        """Prepare a file, which a function opens."""
         self._format = format
         self._next = 0
         self.poses = 0
-        self._file = file
-        if format == "tum":
-            self._file.write(f"# {' '.join(COLUMNS)}\n")
+        self._create = create
+        self._file: TextIO | None = None
 
     @classmethod
-    def create(cls, path: Path, format: Format) -> Self:
-        """Start a file."""
-        return cls(path.open("w", encoding="utf-8", newline="\n"), format)
+    def of_path(cls, path: Path, format: Format) -> Self:
+        """Prepare the file of a path."""
+        return cls(lambda: path.open("w", encoding="utf-8", newline="\n"), format)
 
     def write(self, poses: Iterable[TrackedPose]) -> None:
         """Append poses, later than all before."""
         for pose in poses:
+            file = self._file = self._file or self._started()
             world_from_rig = pose.rig_from_world.inverse()
             if self._format == "tum":
                 values = (*world_from_rig.translation, *quaternion(world_from_rig.rotation))
-                self._file.write(f"{pose.seconds:.6f} " + " ".join(f"{value + 0.0:.9f}" for value in values) + "\n")
+                file.write(f"{pose.seconds:.6f} " + " ".join(f"{value + 0.0:.9f}" for value in values) + "\n")
             else:
                 self.skip_to(pose.frame)
-                self._file.write(" ".join(f"{value:.9e}" for value in world_from_rig.matrix.ravel()) + "\n")
+                file.write(" ".join(f"{value:.9e}" for value in world_from_rig.matrix.ravel()) + "\n")
             self._next = pose.frame + 1
             self.poses += 1
-        self._file.flush()
+        if self._file is not None:
+            self._file.flush()
 
     def skip_to(self, frame: int) -> None:
-        """Note that the frames before one have no pose."""
+        """Write that the frames before one have no pose; nothing if there is no pose yet."""
+        if self._file is None:
+            return
         if self._format == "kitti":
             self._file.write((" ".join(["nan"] * 12) + "\n") * (frame - self._next))
         self._next = max(self._next, frame)
+
+    def _started(self) -> TextIO:
+        """Return the open file, with its header."""
+        file = self._create()
+        if self._format == "tum":
+            file.write(f"# {' '.join(COLUMNS)}\n")
+        return file
 
     def __enter__(self) -> Self:
         return self
@@ -70,7 +82,8 @@ class TrajectoryWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
 
 
 def replace_trajectory(path: Path, format: Format, poses: Iterable[TrackedPose], frames: int) -> None:
@@ -82,7 +95,7 @@ def replace_trajectory(path: Path, format: Format, poses: Iterable[TrackedPose],
         If the file cannot be written; it is unchanged then.
     """
     text = StringIO()
-    writer = TrajectoryWriter(text, format)
+    writer = TrajectoryWriter(lambda: text, format)
     writer.write(poses)
     writer.skip_to(frames)
     write_bytes(path, text.getvalue().encode())
