@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
+from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT, robust_sigma
-from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
+from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.twoview.triangulation import triangulate
 from omnisight.visual_odometry.marginalization import PosePrior, marginalize_first
@@ -18,8 +19,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-# Expected decrease of the cost, relative to it, at which a bundle adjustment ends.
-TOLERANCE = 1e-4
+# Steps of a bundle adjustment, which starts near its optimum, and expected decrease at which it ends.
+MAX_ITERATIONS, TOLERANCE = 4, 1e-4
+INITIAL_DAMPING = 1e-6
 # Degrees of freedom of the residuals: tails for points on edges of objects, which move along them.
 DEGREES = 4.0
 # Residuals (scales of their distribution) of rays that do not see the point.
@@ -128,7 +130,10 @@ class KeyframeWindow:
         """Refine poses and points, and remove rays that do not agree with them."""
         bundle, rows = self._bundle(self.number)
         bundle = replace(bundle, loss=self._loss)
-        state = adjust_bundle(bundle, tolerance=TOLERANCE).state
+        solution = minimize(
+            bundle, bundle.start, iterations=MAX_ITERATIONS, tolerance=TOLERANCE, damping=INITIAL_DAMPING
+        )
+        state = solution.state
         self._take(state)
         squares = state.squared_residuals(bundle.rays)
         is_outlier = squares > (OUTLIER_SIGMA * self._loss.sigma) ** 2
