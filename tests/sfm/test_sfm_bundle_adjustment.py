@@ -82,6 +82,19 @@ def test_refined_points_have_the_least_cost_for_their_cameras(degrees):
         assert cost(point) < cost(moved[p])
 
 
+def test_wrong_initial_poses_and_points_lead_to_the_optimum():
+    truth, rays = problem(cameras=12, count=200)
+    rng, bundle = np.random.default_rng(5), Bundle(rays, StudentT(), truth)
+    best = adjust_bundle(bundle)
+    poses = truth.rig_from_world.copy()
+    poses[1:, :, :3] = exp(np.radians(2) * rng.normal(size=(11, 3))) @ poses[1:, :, :3]
+    points = truth.points * (1 + 0.2 * rng.normal(size=(200, 1)))
+    start = replace(truth, rig_from_world=poses, points=points)
+    found = adjust_bundle(replace(bundle, start=start))
+    assert bundle.cost(start) > 100 * best.cost
+    assert found.cost == pytest.approx(best.cost, rel=1e-4)
+
+
 def test_a_step_solves_the_normal_equations():
     truth, rays = problem()
     bundle = Bundle(rays, StudentT(), truth)

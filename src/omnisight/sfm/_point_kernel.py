@@ -9,7 +9,6 @@ For the residuals see `_bundle_kernel`.
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.optim.loss import MAX_SQUARE
 from omnisight.twoview._small_vectors_kernel import dot, times, transposed_times
 
 # Most iterations of a point, expected decrease of its cost at the end, and initial damping.
@@ -67,10 +66,10 @@ def _weighted(frame_pose, sensor_pose, point, origin, bearing, axes, degrees, va
     _, _, u, inverse = point_direction(frame_pose, sensor_pose, point, origin)
     along = dot(axes[0], u), dot(axes[1], u)
     if dot(u, bearing) > 0.0:
-        square = min((along[0] ** 2 + along[1] ** 2) / variance, MAX_SQUARE)
+        square = (along[0] ** 2 + along[1] ** 2) / variance
         root = np.sqrt((degrees + 2.0) / ((degrees + square) * variance))
-    else:
-        square, root = MAX_SQUARE, 0.0
+    else:  # at least the loss of any point in front
+        square, root = (dot(axes[0], axes[0]) + dot(axes[1], axes[1])) / variance, 0.0
     for k in range(2):
         row, scale = axes[k], root * inverse
         d = scale * (row[0] - along[k] * u[0]), scale * (row[1] - along[k] * u[1]), scale * (row[2] - along[k] * u[2])
