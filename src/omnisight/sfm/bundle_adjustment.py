@@ -272,7 +272,7 @@ def adjust_bundle(
 ) -> Solution[Structure]:
     """Minimize the robust cost by Levenberg-Marquardt.
 
-    B. Triggs et al., Bundle adjustment: a modern synthesis, 2000. After each step the points are refined one by one: 8
+    B. Triggs et al., Bundle adjustment: a modern synthesis, 2000. After each step the points are refined one by one: 9
     steps instead of 54 are then needed for a map of 300 images, and the cost is lower (embedded point iterations of Y.
     Jeong et al., Pushing the envelope of modern methods for bundle adjustment, 2012). Points are not refined at the
     start: for wrong initial poses those of least cost can be far away or behind the cameras.
