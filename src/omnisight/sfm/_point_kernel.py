@@ -62,7 +62,7 @@ def damped_inverse(information, damping, inverse):
 
 @njit_helper
 def _weighted(frame_pose, sensor_pose, point, origin, bearing, axes, degrees, variance, residual, by_point):
-    """Fill a residual (2,) and its derivatives by the point (2, 3), both weighted; return the loss `StudentT`."""
+    """Fill a weighted residual (2,) and its derivatives by the point (2, 3); return its loss, without a limit."""
     _, _, u, inverse = point_direction(frame_pose, sensor_pose, point, origin)
     along = dot(axes[0], u), dot(axes[1], u)
     if dot(u, bearing) > 0.0:

@@ -25,7 +25,7 @@ Indices = NDArray[np.intp]
 MAX_KEYFRAMES = 600
 # Degrees of freedom of the residuals, and residuals of rays that do not see the point, as in the sliding window.
 DEGREES, OUTLIER_SIGMA = 4.0, 5.0
-# Adjustments, after each of which outliers are removed, their steps, and the expected decrease at which they end.
+# Adjustments, each followed by the removal of outliers, and the expected decrease of the cost at which they end.
 ROUNDS, TOLERANCE = 2, 1e-4
 # Least scale of the residuals, standard deviations of the rays.
 MIN_SIGMA = 1e-3
