@@ -70,10 +70,11 @@ def resect():
 
 
 def estimate_car_motion():
+    from omnisight.optim.ransac import RansacOptions
     from omnisight.twoview.bearing_pairs import BearingPairs
     from omnisight.visual_odometry.car_motion import estimate_car_motion
 
-    estimate_car_motion(BearingPairs.of(*bearings(), None, None, 0.05), np.eye(3), om.RansacOptions())
+    estimate_car_motion(BearingPairs.of(*bearings(), None, None, 0.05), np.eye(3), RansacOptions())
 
 
 def bearings():

@@ -28,7 +28,6 @@ from omnisight.models import CameraModel as CameraModel
 from omnisight.models import Projector as Projector
 from omnisight.models import model_class as model_class
 from omnisight.models import model_names as model_names
-from omnisight.optim.ransac import RansacOptions as RansacOptions
 from omnisight.pipeline.batch.batch import Batch as Batch
 from omnisight.pipeline.batch.batch import BatchResult as BatchResult
 from omnisight.pipeline.batch.batch_options import BatchOptions as BatchOptions

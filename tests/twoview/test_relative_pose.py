@@ -60,9 +60,12 @@ def test_covariances_of_bearings_weight_the_pairs():
 def test_the_same_seed_gives_the_same_result_and_the_order_of_pairs_does_not_matter():
     a, b, *_ = Scene(190, 0.5).pairs(3)
     order = np.random.default_rng(0).permutation(len(a))
-    first, again, permuted = om.relative_pose(a, b), om.relative_pose(a, b), om.relative_pose(a[order], b[order])
+    first, again, other = (om.relative_pose(a, b, seed=seed) for seed in (4, 4, 5))
+    permuted = om.relative_pose(a[order], b[order])
     assert np.array_equal(first.b_from_a.rotation, again.b_from_a.rotation)
     assert np.array_equal(first.covariance, again.covariance)
+    assert not np.array_equal(first.covariance, other.covariance)
+    assert errors_deg(first.b_from_a, other.b_from_a) == pytest.approx((0, 0), abs=0.01)
     assert errors_deg(first.b_from_a, permuted.b_from_a) == pytest.approx((0, 0), abs=0.01)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry import rotation as so3
+from omnisight.optim.ransac import RansacOptions
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.visual_odometry.car_motion import estimate_car_motion
 
@@ -28,7 +29,7 @@ def test_a_car_that_pitches_is_found_among_outliers(up, outliers):
     wrong = rng.random(200) < outliers
     b[wrong] = rng.normal(size=(int(wrong.sum()), 3))
     pairs = BearingPairs.of(a @ vehicle_from_rig, directions(b) @ vehicle_from_rig, None, None, 0.05)
-    found = estimate_car_motion(pairs, vehicle_from_rig, om.RansacOptions())
+    found = estimate_car_motion(pairs, vehicle_from_rig, RansacOptions())
     assert found.model is not None
     turn = vehicle_from_rig @ found.model[:, :3] @ vehicle_from_rig.T
     assert np.degrees(np.linalg.norm(so3.log(turn @ rotation.T))) < 0.05

@@ -2,7 +2,6 @@
 
 from numpy.typing import ArrayLike
 
-from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.central_camera import AnyCameraSource, load_camera
 from omnisight.twoview import absolute_pose
 from omnisight.twoview.absolute_pose import AbsolutePose
@@ -13,7 +12,7 @@ def resect(
     observed: ArrayLike,
     covariance: ArrayLike | None = None,
     sigma_deg: ArrayLike | None = None,
-    options: RansacOptions = RansacOptions(),
+    seed: int = 0,
     *,
     camera: AnyCameraSource | None = None,
 ) -> AbsolutePose:
@@ -35,8 +34,8 @@ def resect(
     sigma_deg
         Standard deviation of the bearings, degrees, one or (N,), in place of covariances. Without both, the noise is
         assumed to be isotropic and equal, of pixels or of bearings, and is estimated.
-    options
-        Options of the search, with the seed.
+    seed
+        Seed of the search: the same input and seed give the same result.
     camera
         The camera of the pixels, or its calibration file.
 
@@ -47,4 +46,4 @@ def resect(
         calibration file cannot be read.
     """
     camera = None if camera is None else load_camera(camera)
-    return absolute_pose.resect(points, observed, covariance, sigma_deg, options, camera=camera)
+    return absolute_pose.resect(points, observed, covariance, sigma_deg, seed, camera=camera)

@@ -63,7 +63,7 @@ def resect(
     observed: ArrayLike,
     covariance: ArrayLike | None = None,
     sigma_deg: ArrayLike | None = None,
-    options: RansacOptions = RansacOptions(),
+    seed: int = 0,
     *,
     camera: Camera | RayCamera | None = None,
 ) -> AbsolutePose:
@@ -71,6 +71,7 @@ def resect(
 
     `omnisight.resect` describes the parameters and the method; here a camera is not a file.
     """
+    options = RansacOptions(seed=seed)
     if camera is None:
         x, b, cov = _checked(points, observed, covariance, sigma_deg)
         return _estimate(x, b, cov, covariance is not None or sigma_deg is not None, options)

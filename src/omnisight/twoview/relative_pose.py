@@ -75,7 +75,7 @@ def relative_pose(
     covariance_a: ArrayLike | None = None,
     covariance_b: ArrayLike | None = None,
     sigma_deg: ArrayLike | None = None,
-    options: RansacOptions = RansacOptions(),
+    seed: int = 0,
 ) -> RelativePose:
     """Estimate the relative pose of two cameras from matched bearings.
 
@@ -95,8 +95,8 @@ def relative_pose(
     sigma_deg
         Standard deviation of the bearings, degrees, one or (N,), in place of covariances. Without both, the noise is
         assumed to be isotropic and equal, and is estimated.
-    options
-        Options of the search, with the seed.
+    seed
+        Seed of the search: the same input and seed give the same result.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def relative_pose(
         If arrays have the wrong shape or do not hold directions and covariances.
     """
     pairs = BearingPairs.of(bearings_a, bearings_b, covariance_a, covariance_b, sigma_deg)
-    return estimate_relative_pose(pairs, options)
+    return estimate_relative_pose(pairs, RansacOptions(seed=seed))
 
 
 def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacOptions()) -> RelativePose:
