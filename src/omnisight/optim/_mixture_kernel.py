@@ -59,11 +59,11 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
     squares, probability, share = np.empty(count), np.empty(count), np.full(count, 0.5)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
-    offset = np.zeros(parameters)
+    offset, neighbours = np.zeros(parameters), _order_by_feature(problem, model)
     _linearize_all(problem, model, residuals, jacobians, squares)
     for _ in range(MAX_ROUNDS):
         _fill_probability(squares, dimension, scale, share, outlier_density, probability)
-        _fill_share(problem, model, probability, share)
+        _fill_share(neighbours, probability, share)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
         step = -solve_least_norm(information, gradient + prior @ offset)
@@ -116,15 +116,23 @@ def _gaussian(square, dimension, scale):
 
 
 @njit_helper
-def _fill_share(problem, model, probability, share):
-    """Fill the share of outliers (N,) among the other observations with a similar feature, all if it is constant."""
-    count = len(probability)
+def _order_by_feature(problem, model):
+    """Return the order (N,) of the features of the observations, and how many before and after one are similar to it.
+
+    All are if the feature is constant.
+    """
+    count = len(problem[0])
     features = np.empty(count)
     for i in range(count):
         features[i] = feature(problem, model, i)
     is_constant = features.min() == features.max()
-    order = np.argsort(features)
-    half = count if is_constant else int(np.ceil(np.sqrt(count)))
+    return np.argsort(features), count if is_constant else int(np.ceil(np.sqrt(count)))
+
+
+@njit_helper
+def _fill_share(neighbours, probability, share):
+    """Fill the share of outliers (N,) among the other observations with a similar feature."""
+    count, (order, half) = len(probability), neighbours
     total = np.zeros(count + 1)
     for k in range(count):
         total[k + 1] = total[k] + probability[order[k]]

@@ -98,11 +98,12 @@ def linearized(problem, model):
 
 
 @njit_driver
-def count_consistent(problem, model, threshold, shift):
-    """Return how many first parts have a squared error of at most a threshold with the second part so many rows on."""
+def count_consistent(problem, model, threshold, shifts):
+    """Return how many first parts have a squared error of at most a threshold with the second parts so many rows on."""
     count, hits = len(problem[0]), 0
-    for i in range(count):
-        hits += squared_error(problem, model, i, (i + shift) % count) <= threshold
+    for shift in shifts:
+        for i in range(count):
+            hits += squared_error(problem, model, i, (i + shift) % count) <= threshold
     return hits
 
 

@@ -29,8 +29,8 @@ def chance_probability(problem: Any, model: Array, threshold: float) -> float:
 
     count = len(problem[0])
     rounds = min(MAX_ROUNDS, count - 1, 1 + UNRELATED // count)
-    shifts = [1 + i * (count - 1) // rounds for i in range(rounds)]
-    hits = sum(count_consistent(problem, model, threshold, shift) for shift in shifts)
+    shifts = 1 + np.arange(rounds) * (count - 1) // rounds
+    hits = count_consistent(problem, model, threshold, shifts)
     return (hits + 1) / (count * len(shifts) + 1)
 
 

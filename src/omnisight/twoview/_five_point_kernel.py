@@ -11,7 +11,7 @@ ten cubic polynomials in (x, y, z), which elimination reduces to a polynomial of
 import numpy as np
 
 from omnisight.compiled import njit_helper
-from omnisight.optim._polynomial_kernel import multiply_add, real_roots
+from omnisight.optim._polynomial_kernel import real_roots
 from omnisight.twoview._essential_kernel import poses_from_essential
 
 # Exponents of (x, y, z) of the monomials of degree 1, 2 and 3, the last in the order of the elimination.
@@ -208,20 +208,22 @@ def _in_last_unknown(system):
 
 @njit_helper
 def _determinant(rows):
-    """Return the determinant (11,) of a matrix (3, 3) of polynomials."""
-    determinant = np.zeros(11)
-    minor = np.empty(9)
+    """Return the determinant (11,) of a matrix (3, 3) of polynomials.
+
+    The bounds of the loops are literals, which lets the compiler unroll them.
+    """
+    determinant, minor = np.zeros(13), np.empty(9)
     for j in range(3):
         following, last = (j + 1) % 3, (j + 2) % 3
         minor[:] = 0.0
-        multiply_add(minor, rows[1, following], rows[2, last], 1.0)
-        multiply_add(minor, rows[1, last], rows[2, following], -1.0)
-        # The coefficients of x and y have degree 3, that of 1 has degree 4: the product has degree 10 at most.
+        for p in range(5):
+            for q in range(5):
+                minor[p + q] += rows[1, following, p] * rows[2, last, q] - rows[1, last, p] * rows[2, following, q]
         for p in range(5):
             for q in range(9):
-                if p + q < 11:
-                    determinant[p + q] += rows[0, j, p] * minor[q]
-    return determinant
+                determinant[p + q] += rows[0, j, p] * minor[q]
+    # The coefficients of x and y have degree 3, that of 1 has degree 4: the product has degree 10 at most.
+    return determinant[:11]
 
 
 @njit_helper

@@ -99,7 +99,7 @@ class BearingPairs:
 
 def isotropic_variance(covariance: Array) -> Array:
     """Return the mean variances (N,) in the tangent planes of covariances (N, 3, 3)."""
-    return np.trace(covariance, axis1=1, axis2=2) / 2
+    return (covariance[:, 0, 0] + covariance[:, 1, 1] + covariance[:, 2, 2]) / 2  # np.trace takes five times as long
 
 
 def unit_bearings(bearings: ArrayLike, name: str) -> Array:

@@ -31,8 +31,8 @@ MAX_TRANSLATION_GAIN = 16.27
 # rotation.
 MAX_ITERATIONS = 500
 # A plane or a rotation has a lower criterion than the general motion only if about three quarters of the inliers agree
-# with it. At least one of 50 samples of four pairs then consists of such inliers, with a probability of 1 - 1e-8.
-MAX_COMPETING_ITERATIONS = 50
+# with it. At least one of 30 samples of four pairs then consists of such inliers, with a probability of 1 - 1e-5.
+MAX_COMPETING_ITERATIONS = 30
 # A motion is planar if its translation is perpendicular to the axis of rotation within so many standard deviations, and
 # these are small enough to reveal another one.
 PLANAR_SIGMA, MAX_PLANAR_SIGMA_DEG = 2.0, 1.0
