@@ -94,8 +94,13 @@ class Formula:
 
     def values(self, array: Tensor, m: FormulaValues, iterations: int) -> tuple[Tensor, Tensor]:
         """Return pixels (..., 2) of points (..., 3), or bearings of pixels, and which are valid; the others are any."""
-        *values, valid = FORMULAS[self.method](m, *array.unbind(-1), iterations)
-        return torch.stack(values, -1), valid & (torch.abs(values[0]) != torch.inf)
+        values, valid = self.components(array.unbind(-1), m, iterations)
+        return torch.stack(values, -1), valid
+
+    def components(self, array: Sequence[Tensor], m: FormulaValues, iterations: int) -> tuple[list[Tensor], Tensor]:
+        """Return the components of `values` of the components of points or pixels: a compiler fuses no `stack`."""
+        *values, valid = FORMULAS[self.method](m, *array, iterations)
+        return values, valid & (torch.abs(values[0]) != torch.inf)
 
     def inside(self, array: Tensor, valid: Tensor, m: FormulaValues) -> Tensor:
         """Return points or pixels with those of the axis in place of the ones that are not valid."""

@@ -143,13 +143,13 @@ def map_kernel(project: Formula, unproject: Formula) -> Callable[..., Any]:
         rotation: Tensor, source: Tensor, target: Tensor, bounds: Tensor, width: int, height: int
     ) -> tuple[Tensor, Tensor, Tensor]:
         u, v = (torch.arange(count, dtype=rotation.dtype, device=rotation.device) for count in (width, height))
-        grid = torch.stack([u.expand(height, -1), v[:, None].expand(-1, width)], -1)
-        bearings, seen = unproject.values(grid, unproject.values_of(target), unproject.model.unrolled_steps)
-        rows = rotation[:, None, None].unbind(-2)
-        rotated = torch.stack([(row * bearings).sum(-1) for row in rows], -1)
-        pixels, valid = project.values(rotated, project.values_of(source), project.model.unrolled_steps)
-        valid = valid & seen & Bounds(*bounds.unbind()).contain(*pixels.unbind(-1))
-        return torch.where(valid[..., None], pixels, torch.nan), valid, seen
+        grid = u.expand(1, height, -1), v[:, None].expand(1, -1, width)
+        bearing, seen = unproject.components(grid, unproject.values_of(target), unproject.model.unrolled_steps)
+        rows = [row.unbind(1) for row in rotation[..., None, None].unbind(1)]
+        rotated = [sum(r * x for r, x in zip(row, bearing, strict=True)) for row in rows]
+        pixels, valid = project.components(rotated, project.values_of(source), project.model.unrolled_steps)
+        valid = valid & seen & Bounds(*bounds.unbind()).contain(*pixels)
+        return torch.stack([torch.where(valid, x, torch.nan) for x in pixels], -1), valid, seen[0]
 
     return torch.compile(compute, dynamic=True)
 
