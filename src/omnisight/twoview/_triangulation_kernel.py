@@ -7,7 +7,7 @@ import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
 from omnisight.optim._cholesky_kernel import solve_symmetric
-from omnisight.twoview._small_vectors_kernel import copy_elements, dot
+from omnisight.twoview._small_vectors_kernel import copy_elements, cross, dot, perpendiculars, quadratic_form, whitened
 
 MAX_ITERATIONS, TOLERANCE = 30, 1e-12
 INITIAL_DAMPING, MAX_DAMPING = 1e-6, 1e8
@@ -40,6 +40,36 @@ def midpoints(origins, directions):
             if not (solution == 0.0).all():
                 points[n] = solution
     return points
+
+
+@njit_driver
+def whitening_maps(covariance):
+    """Return the maps (N, 2, 3) of vectors to two components of unit variance.
+
+    Parameters
+    ----------
+    covariance
+        (N, 3, 3), each zero along one direction: the largest vector product of two rows.
+    """
+    maps = np.empty((len(covariance), 2, 3))
+    for n in range(len(covariance)):
+        c, along, largest = covariance[n], (0.0, 0.0, 1.0), 0.0
+        for i in range(3):
+            normal = cross(c[i], c[(i + 1) % 3])
+            square = dot(normal, normal)
+            if square > largest:
+                along, largest = normal, square
+        inverse = 1.0 / np.sqrt(largest) if largest > 0.0 else 1.0
+        first, second = perpendiculars((inverse * along[0], inverse * along[1], inverse * along[2]))
+        variances = (
+            quadratic_form(c, first, first),
+            quadratic_form(c, first, second),
+            quadratic_form(c, second, second),
+        )
+        one, two = whitened(first, second, *variances)
+        for j in range(3):
+            maps[n, 0, j], maps[n, 1, j] = one[j], two[j]
+    return maps
 
 
 @njit_driver

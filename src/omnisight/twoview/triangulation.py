@@ -89,7 +89,7 @@ def triangulate(
     scale = 1.0 if known else _scale(cost, count)
     finite = np.isfinite(points[:, 0])
     covariances = np.full((len(points), 3, 3), np.nan)
-    covariances[finite] = scale**2 * np.linalg.pinv(information[finite], hermitian=True)
+    covariances[finite] = scale**2 * _inverses(information[finite])
     offset = points[:, None] - origin
     distance = np.linalg.norm(offset, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -132,10 +132,11 @@ def _world_rays(
 def whitening(covariance: Array) -> Array:
     """Return the maps (N, 2, 3) of chords to two components of unit variance, given covariances (N, 3, 3).
 
-    With a covariance V diag(v) V^T and v_1 = 0 along the bearing, these are the other columns of V over sqrt(v).
+    The covariances are zero along the bearings.
     """
-    variances, axes = np.linalg.eigh(covariance)
-    return np.swapaxes(axes[:, :, 1:], 1, 2) / np.sqrt(np.maximum(variances[:, 1:], 1e-300))[:, :, None]
+    from omnisight.twoview._triangulation_kernel import whitening_maps
+
+    return whitening_maps(np.ascontiguousarray(covariance))
 
 
 def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float, seen: NDArray[np.bool_]) -> Array:
@@ -150,6 +151,12 @@ def _whitening(bearings: Array, covariance: ArrayLike | None, sigma_deg: float, 
             raise ValueError("the covariance of a bearing that a camera sees is not finite")
         covariance = np.where(seen[..., None, None], given, np.eye(3)).reshape(-1, 3, 3)
     return whitening(tangent_covariances(flat, covariance, sigma_deg)).reshape(views, count, 2, 3)
+
+
+def _inverses(information: Array) -> Array:
+    """Return the inverses of informations (N, 3, 3); a direction without any has a large variance."""
+    least = np.finfo(float).eps * np.trace(information, axis1=1, axis2=2)
+    return np.linalg.inv(information + least[:, None, None] * np.eye(3))
 
 
 def _scale(cost: Array, count: NDArray[np.intp]) -> float:
