@@ -1,5 +1,6 @@
 """A rendered video of a board in front of a fisheye camera, for the tests of videos."""
 
+import struct
 from functools import cache
 
 import cv2
@@ -55,4 +56,14 @@ def write_clip(path, frames, codec="MJPG", frame_rate=24):
     for frame in frames:
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
     writer.release()
+    return path
+
+
+def with_rotation(path):
+    """Set a rotation by 90 degrees in the track header of an MP4 file."""
+    data = bytearray(path.read_bytes())
+    matrix = data.index(b"tkhd") + 44
+    one = 1 << 16
+    data[matrix : matrix + 36] = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(data)
     return path

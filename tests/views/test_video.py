@@ -2,20 +2,21 @@
 
 import contextlib
 import re
-import struct
 from dataclasses import replace
 
+import av
 import cv2
 import numpy as np
 import pytest
 
 from calibrating import calibrate, observe
-from clips import BOARD, FRAMES_AT_REST, FRAMES_IN_MOTION, POSE_COUNT, SETUP, rendered_clip, write_clip
+from clips import BOARD, FRAMES_AT_REST, FRAMES_IN_MOTION, POSE_COUNT, SETUP, rendered_clip, with_rotation, write_clip
 from lenses import bearing_error
 from omnisight.calibration import frame_selection
 from omnisight.calibration.frame_information import select_informative_views
 from omnisight.calibration.frame_selection import select_frames
-from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
+from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image, to_gray8
+from omnisight.images.video import is_clip
 from omnisight.simulation import fisheye_setup
 from omnisight.targets import Checkerboard, clip_detection, detect_boards
 from omnisight.targets.clip_detection import detect_in_clip
@@ -80,16 +81,6 @@ def test_selected_frames_equal_those_of_a_full_read(short):
     assert list(clip.frames(())) == []
 
 
-def with_rotation(path):
-    """Set a rotation by 90 degrees in the track header of an MP4 file."""
-    data = bytearray(path.read_bytes())
-    matrix = data.index(b"tkhd") + 44
-    one = 1 << 16
-    data[matrix : matrix + 36] = struct.pack(">9i", 0, one, 0, -one, 0, 0, 0, 0, 1 << 30)
-    path.write_bytes(data)
-    return path
-
-
 def test_rotation_is_ignored_by_default(tmp_path):
     path = with_rotation(write_clip(tmp_path / "portrait.mp4", steps(), "mp4v"))
     stored, displayed = Clip.open(path), Clip.open(path, upright=True)
@@ -142,6 +133,29 @@ def test_corrupt_files_decode_or_raise_unreadable(tmp_path):
         with contextlib.suppress(UnreadableImage):
             clip = Clip.open(tmp_path / "bad.mp4")
             assert all(frame.image.shape[1::-1] == clip.size for frame in clip.frames())
+
+
+MPEG_2 = (".mpg", ".mpeg", ".mpe", ".m2v", ".vob", ".mxf")
+ENCODERS = {".webm": "libvpx", ".ogv": "libvpx", ".wmv": "wmv2", ".asf": "wmv2", ".flv": "flv"}
+CONTAINERS = {".qt": "mov", ".divx": "avi", ".mpe": "mpeg", ".m2t": "mpegts", ".insv": "mp4", ".360": "mp4"}
+
+
+@pytest.mark.parametrize("suffix", VIDEO_SUFFIXES)
+def test_clips_of_every_container_are_read(tmp_path, suffix):
+    codec = "mpeg2video" if suffix in MPEG_2 else ENCODERS.get(suffix, "mpeg4")
+    path = tmp_path / f"clip{suffix}"
+    with av.open(str(path), "w", format=CONTAINERS.get(suffix)) as container:
+        stream = container.add_stream(codec, 25)
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv420p"
+        for frame in steps():
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, "rgb24")))
+        container.mux(stream.encode())
+    assert is_clip(path)
+    clip = Clip.open(path)
+    assert (clip.size, clip.frame_rate) == ((96, 64), 25)
+    frames = list(clip.frames())
+    assert len(frames) == 10
+    assert [frame.image.mean() for frame in frames] == pytest.approx([frame.mean() for frame in steps()], abs=5)
 
 
 def test_videos_are_collected_if_requested(tmp_path, short):

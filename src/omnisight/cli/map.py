@@ -48,7 +48,8 @@ def map(
     with continuing(work), progress() as report:
         files = images
         if is_clip:
-            files = extract_frames(images, folder, options.fps, report, topic=options.topic, warn=warn)
+            topic, apply_exif = options.topic, options.apply_exif
+            files = extract_frames(images, folder, options.fps, report, topic=topic, apply_exif=apply_exif, warn=warn)
         made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
     if made is not None:
         write_map(output, made)

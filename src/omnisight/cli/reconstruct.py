@@ -56,7 +56,8 @@ def reconstruct(
     with continuing(work), progress() as report:
         files = images
         if is_clip:
-            files = extract_frames(images, folder, options.fps, report, topic=options.topic, warn=warn)
+            topic, apply_exif = options.topic, options.apply_exif
+            files = extract_frames(images, folder, options.fps, report, topic=topic, apply_exif=apply_exif, warn=warn)
         result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)

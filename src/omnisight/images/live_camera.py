@@ -52,15 +52,15 @@ class LiveCamera:
         Number of frames that arrived while an earlier one was processed, and were not returned.
     """
 
-    def __init__(self, source: int | Path) -> None:
-        """Open the camera with this number, where 0 is the first, or the clip.
+    def __init__(self, source: int | Path, *, upright: bool = False) -> None:
+        """Open the camera with this number, where 0 is the first, or the clip, rotated as it specifies for display.
 
         Raises
         ------
         UnreadableImage
             If there is no such camera, or it delivers no frame.
         """
-        self._source = _Connected(source) if isinstance(source, int) else _Played(source)
+        self._source = _Connected(source) if isinstance(source, int) else _Played(source, upright)
         self.label, self.size, self.dropped = self._source.label, self._source.size, 0
 
     def frames(self) -> Generator[CameraFrame]:
@@ -152,8 +152,8 @@ class _Connected(_Source):
 class _Played(_Source):
     """A clip whose frames are delivered at their times."""
 
-    def __init__(self, path: Path) -> None:
-        clip = Clip.open(path)
+    def __init__(self, path: Path, upright: bool) -> None:
+        clip = Clip.open(path, upright=upright)
         self.label, self.size = str(path), clip.size
         self._frames = clip.frames(limit=None)
         self._start: float | None = None

@@ -7,9 +7,15 @@ from typing import Any
 from omnisight.extensions import file_error
 
 VIDEO_SUFFIXES = (
-    *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".mts", ".m2ts", ".wmv"),
+    *(".mp4", ".mov", ".m4v", ".qt", ".3gp", ".3g2", ".avi", ".divx", ".mkv", ".webm", ".ogv", ".wmv", ".asf", ".flv"),
+    *(".mpg", ".mpeg", ".mpe", ".m2v", ".vob", ".ts", ".m2t", ".mts", ".m2ts", ".mxf"),
     # The containers of Insta360 and GoPro MAX cameras.
     *(".insv", ".360"),
+)
+# First bytes of Matroska, MPEG program streams, MPEG elementary streams, ASF, Ogg, Flash and MXF.
+SIGNATURES = (
+    *(b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"),
+    *(b"OggS", b"FLV\1", b"\x06\x0e\x2b\x34\x02\x05\x01\x01"),
 )
 # A limit on the top-level boxes of an MP4 file: a hostile file cannot stall the reader.
 MAX_MP4_BOXES = 1000
@@ -31,7 +37,7 @@ def find_defect(path: Path) -> str | None:
         return file_error(path, error)
     is_video = (
         (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
-        or head.startswith((b"\x1aE\xdf\xa3", b"\0\0\1\xba", b"\0\0\1\xb3", b"\x30\x26\xb2\x75\x8e\x66\xcf\x11"))
+        or head.startswith(SIGNATURES)
         # MPEG transport streams, without and with time stamps (M2TS).
         or (head[0] == 0x47 and head[188:189] == b"\x47")
         or (head[4] == 0x47 and head[196:197] == b"\x47" if len(head) > 196 else False)

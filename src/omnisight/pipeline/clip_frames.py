@@ -23,6 +23,7 @@ def extract_frames(
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     *,
     topic: str | None = None,
+    apply_exif: bool = False,
     warn: Callable[[str], None] = lambda message: None,
 ) -> list[Path]:
     """Write the sharpest frame of each interval of a video clip or a ROS bag as a JPEG file.
@@ -41,6 +42,8 @@ def extract_frames(
         Called with the stage, the frames read and their number.
     topic
         Image topic of a bag; it may be left out if only one has images.
+    apply_exif
+        Rotate frames as the clip specifies for display.
     warn
         Called with a message if the clip has far fewer frames than it declares.
 
@@ -58,7 +61,7 @@ def extract_frames(
     if not fps > 0:
         raise ValueError(f"fps is {fps:g}; choose a positive number of images per second")
     source, target = Path(clip), Path(folder)
-    video = None if is_bag(source, topic) else Clip.open(source)
+    video = None if is_bag(source, topic) else Clip.open(source, upright=apply_exif)
     total, frames = _of_bag(source, topic, fps) if video is None else _of_clip(video, fps)
     target.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []

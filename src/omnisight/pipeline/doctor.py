@@ -81,7 +81,7 @@ def doctor(
         raise ValueError("the camera applies to a recording: specify a clip or a folder of images with it")
     if images is None:
         return Diagnosis(tuple(check() for check in installation_checks.all_checks()))
-    sequence = FrameSequence.open(Path(images), (), options.fps, options.topic)
+    sequence = FrameSequence.open(Path(images), (), options)
     recording = _examine(sequence, camera, options, progress or (lambda stage, done, total: None))
     findings = tuple(check(recording) for check in recording_checks.all_checks())
     return Diagnosis(findings, recording.static_region)

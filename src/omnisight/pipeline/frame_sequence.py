@@ -15,6 +15,7 @@ from omnisight.images.live_camera import LiveCamera
 from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.images.video import Clip, is_clip
 from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.sequence_options import SequenceOptions
 
 # Images per second of a folder without times.
 DEFAULT_FPS = 10.0
@@ -64,6 +65,8 @@ class FrameSequence:
         The image topic of a bag.
     camera
         The connected camera.
+    apply_exif
+        Whether images are rotated by their EXIF orientation.
     """
 
     files: tuple[tuple[Path | None, ...], ...]
@@ -73,9 +76,10 @@ class FrameSequence:
     times_file: Path | None = None
     stream: ImageBag | None = None
     camera: LiveCamera | None = None
+    apply_exif: bool = False
 
     @classmethod
-    def live(cls, source: str) -> "FrameSequence":
+    def live(cls, source: str, options: SequenceOptions) -> "FrameSequence":
         """Open the camera with this number, or the clip that is played in place of one.
 
         Raises
@@ -85,13 +89,11 @@ class FrameSequence:
         """
         if not source.isdigit() and Path(source).suffix.lower() not in VIDEO_SUFFIXES:
             raise ValueError(f"{source}: is neither the number of a connected camera, such as 0, nor a clip")
-        camera = LiveCamera(int(source) if source.isdigit() else Path(source))
+        camera = LiveCamera(int(source) if source.isdigit() else Path(source), upright=options.apply_exif)
         return cls((), (), camera.label, camera=camera)
 
     @classmethod
-    def open(
-        cls, source: Path, cameras: tuple[str, ...], fps: float | None, topic: str | None = None
-    ) -> "FrameSequence":
+    def open(cls, source: Path, cameras: tuple[str, ...], options: SequenceOptions) -> "FrameSequence":
         """List the frames of a folder, a clip or a bag.
 
         Parameters
@@ -100,28 +102,27 @@ class FrameSequence:
             Folder of images, a video clip, or a ROS bag.
         cameras
             Names of the cameras of a rig, whose images are in folders or files of these names; none for one camera.
-        fps
-            Images per second of a folder without times.
-        topic
-            Topic of a bag; it may be left out if only one has images.
+        options
+            How the sequence is read.
 
         Raises
         ------
         ValueError
             If there are no images, or times are missing or do not increase.
         """
-        if is_bag(source, topic):
+        fps = options.fps
+        if is_bag(source, options.topic):
             if cameras:
                 raise ValueError(f"{source}: a topic has the images of one camera, and the rig has {len(cameras)}")
             if fps is not None:
                 raise ValueError(f"{source}: a bag has its own times: leave out --fps")
-            return cls((), (), str(source), stream=ImageBag.open(source, topic))
+            return cls((), (), str(source), stream=ImageBag.open(source, options.topic))
         if is_clip(source):
             if cameras:
                 raise ValueError(f"{source}: a clip has the images of one camera, and the rig has {len(cameras)}")
             if fps is not None:
                 raise ValueError(f"{source}: a clip has its own times: leave out --fps")
-            return cls((), (), str(source), Clip.open(source))
+            return cls((), (), str(source), Clip.open(source, upright=options.apply_exif))
         found = image_set(source, cameras, is_rig=bool(cameras))
         count = int(found.frame.max()) + 1
         files: list[list[Path | None]] = [[None] * max(len(cameras), 1) for _ in range(count)]
@@ -129,7 +130,7 @@ class FrameSequence:
             files[frame][camera] = path
         frames = tuple(map(tuple, files))
         times, table = _times(source, frames, fps)
-        return cls(frames, times, str(source), times_file=table)
+        return cls(frames, times, str(source), times_file=table, apply_exif=options.apply_exif)
 
     def __len__(self) -> int:
         """Return the number of frames; for a clip the number that its header declares, or 0; 0 for a camera."""
@@ -151,7 +152,8 @@ class FrameSequence:
             return self.stream.size
         if self.clip is not None:
             return self.clip.size
-        _, image = next(readable_images(frame[0] for frame in self.files if frame[0] is not None))
+        files = (frame[0] for frame in self.files if frame[0] is not None)
+        _, image = next(readable_images(files, apply_exif=self.apply_exif))
         return image.shape[1], image.shape[0]
 
     def warnings(self, count: int) -> tuple[str, ...]:
@@ -194,7 +196,7 @@ class FrameSequence:
         for index in range(len(self.files)) if indices is None else sorted(indices):
             seconds, files = self.times[index], self.files[index]
             try:
-                images = tuple(read_image(path) for path in files if path is not None)
+                images = tuple(read_image(path, apply_exif=self.apply_exif) for path in files if path is not None)
             except UnreadableImage as error:
                 yield SequenceFrame(index, seconds, (), str(error))
                 continue

@@ -174,7 +174,7 @@ def odometry(
     calibration = camera if rig is None else rig
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
-    sequence = FrameSequence.open(Path(images), sources.names, options.fps, options.topic)
+    sequence = FrameSequence.open(Path(images), sources.names, options)
     _refuse_inputs(output, [images, calibration, *sequence.paths], options)
 
     def watch(tracking: Odometry, frame: SequenceFrame) -> None:
@@ -215,7 +215,7 @@ def live_odometry(
     """
     if options.fps is not None or options.topic is not None:
         raise ValueError("--fps and --topic are for files: leave them out with --live")
-    sequence = FrameSequence.live(str(source))
+    sequence = FrameSequence.live(str(source), options)
     _refuse_inputs(output, [source, camera], options)
     body = _body(CameraSources.of(camera, None, None), sequence, options)
     return _run(sequence, body, options, output, watch, lambda stage, done, total: None)

@@ -288,7 +288,7 @@ class ReconstructOptions(BatchOptions):
     scale_camera
         Scale the camera, if the images were resized after the calibration.
     apply_exif
-        Rotate images by their EXIF orientation.
+        Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     """
 
     engine: Literal["omnisight", "colmap", "colmap-global"] = "omnisight"

@@ -21,11 +21,14 @@ class SequenceOptions(Options):
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     scale_camera
         Scale the camera to the size of the images, if they were resized.
+    apply_exif
+        Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     """
 
     fps: float | None = None
     topic: str | None = None
     scale_camera: bool = False
+    apply_exif: bool = False
 
     def __post_init__(self) -> None:
         """Check the rate."""
