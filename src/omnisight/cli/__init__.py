@@ -74,42 +74,55 @@ def _application_of_process(first: str) -> "App":
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line; raise `SystemExit` with an exit status other than 0."""
-    from cyclopts import CycloptsError
+    from omnisight.persistent_interruption import persistent_interruption
 
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in tokens
     tokens = [token for token in tokens if token != "--debug"]
-    app = application() if arguments is not None else _application_of_process(next(iter(tokens), ""))
+    with persistent_interruption() as interruption:
+        try:
+            _run(tokens, is_process=arguments is None)
+        except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(0)
+        except (KeyboardInterrupt, Exception) as error:
+            # C code, such as a compiled loop, can replace the exception of Ctrl-C by another one.
+            if interruption.is_pending or isinstance(error, KeyboardInterrupt):
+                interruption.is_pending = False
+                _print_error(_interruption(error))
+                sys.exit(EXIT_INTERRUPTED)
+            status, message = _failure(error, debug)
+            _print_error(message)
+            sys.exit(status)
+
+
+def _run(tokens: list[str], *, is_process: bool) -> None:
+    """Run the command line, which may be all that this process does."""
+    app = _application_of_process(next(iter(tokens), "")) if is_process else application()
     try:
         os.getcwd()
     except FileNotFoundError:  # numba needs an existing working directory
         os.chdir(os.sep)
-    try:
-        app(tokens, exit_on_error=False, print_error=False)
-    except CycloptsError as error:
+    app(tokens, exit_on_error=False, print_error=False)
+
+
+def _failure(error: BaseException, debug: bool) -> tuple[int, str]:
+    """Return the exit status and the message of an error; raise it for `debug`, unless it is of the options."""
+    from cyclopts import CycloptsError
+
+    if isinstance(error, CycloptsError):
         from omnisight.cli._option_errors import option_error
 
-        _print_error(option_error(error))
-        sys.exit(EXIT_INPUT)
-    except BrokenPipeError:  # the reader, such as `head`, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(0)
-    except KeyboardInterrupt as error:
-        _print_error(_interruption(error))
-        sys.exit(EXIT_INTERRUPTED)
-    except (ValueError, OSError) as error:
-        if debug:
-            raise
-        _print_error(_error_message(error))
-        sys.exit(EXIT_INPUT)
-    except Exception as error:
-        if debug:
-            raise
-        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):  # in a compiled loop
-            _print_error(_interruption(error))
-            sys.exit(EXIT_INTERRUPTED)
-        _print_error(f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)")
-        sys.exit(EXIT_FAILED)
+        return EXIT_INPUT, option_error(error)
+    if debug:
+        raise error
+    if isinstance(error, OSError) and error.filename:
+        from omnisight.extensions import file_error
+
+        return EXIT_INPUT, f"{error.filename}: {file_error(error.filename, error)}"
+    if isinstance(error, ValueError | OSError):
+        return EXIT_INPUT, str(error)
+    return EXIT_FAILED, f"internal error: {type(error).__name__}: {error} (--debug prints the traceback)"
 
 
 def run() -> NoReturn:
@@ -127,15 +140,6 @@ def run() -> NoReturn:
         sys.stdout.flush()
         sys.stderr.flush()
     os._exit(status)
-
-
-def _error_message(error: Exception) -> str:
-    """Return the message of an error; that of a file starts with its name."""
-    if isinstance(error, OSError) and error.filename:
-        from omnisight.extensions import file_error
-
-        return f"{error.filename}: {file_error(error.filename, error)}"
-    return str(error)
 
 
 def _interruption(error: BaseException) -> str:

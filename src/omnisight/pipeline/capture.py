@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 from omnisight.display import Displayed
 from omnisight.images import read_image, write_image
 from omnisight.images.live_camera import CameraFrame
+from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.capture_options import CaptureOptions
 from omnisight.pipeline.capture_session import CaptureSession, Seen
 from omnisight.pipeline.capture_source import CaptureSource
@@ -91,7 +91,7 @@ def capture(
     images = _continue(session, folder)
     searched = found = 0
     reason = "end"
-    with suppress(KeyboardInterrupt):
+    with until_interrupted():
         reason = "interrupted"
         for candidate in candidates:
             seen = session.look(candidate)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -16,6 +16,7 @@ from omnisight.display import Displayed
 from omnisight.formats import load_rig
 from omnisight.images.mask import read_mask
 from omnisight.images.output_paths import refuse_overwrite
+from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence, SequenceFrame
@@ -267,7 +268,7 @@ def _track(
     """Track the frames of a sequence; return their number, and the time at which the first of them were processed."""
     frames, started = 0, time.perf_counter()
     # Ctrl-C is the usual end of a connected camera.
-    with nullcontext() if sequence.camera is None else suppress(KeyboardInterrupt):
+    with nullcontext() if sequence.camera is None else until_interrupted():
         for frame in sequence:
             if frame.images:
                 known.observe(tracking.add(frame.images, frame.seconds), tracking)
