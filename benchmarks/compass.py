@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.images import to_gray8
-from omnisight.places.panorama_rotation import PanoramaSignature, wrap_deg
+from omnisight.places.panorama_rotation import wrap_deg
+from omnisight.places.panorama_signature import PanoramaSignature
 from omnisight.places.visual_compass import VisualCompass
 from omnisight.simulation import Renderer, scene_named
 
@@ -109,8 +110,6 @@ def _smoothed(path: Array, time_ms: float) -> tuple[Array, Array]:
 
 def print_route() -> None:
     """Print headings and places on the robot's route."""
-    from scipy.stats import spearmanr
-
     images, along, direction = route()
     count = len(images)
     every, middle = np.arange(FIRST_MOVING, count), (FIRST_MOVING + count) // 2
@@ -123,14 +122,57 @@ def print_route() -> None:
     for name, (queries, references) in sets.items():
         for method, locate in METHODS.items():
             found = locate([images[i] for i in queries], [images[i] for i in references])
-            nearest = references[[each.reference for each in found]]
-            turned = direction[queries] - direction[nearest]
-            error = np.abs([wrap_deg(each.heading - t) for each, t in zip(found, turned, strict=True)])
-            away = np.abs(along[queries] - along[nearest])
-            order = float(spearmanr(along[queries], along[nearest]).statistic)
-            cells = [np.median(error), np.quantile(error, 0.95), np.median(away), np.quantile(away, 0.95), order]
-            values = " | ".join(f"{value:.{digits}f}" for value, digits in zip(cells, (2, 1, 1, 1, 4), strict=True))
-            print(f"| {name} | {method} | {values} |", flush=True)
+            print(f"| {name} | {method} | {_errors(found, queries, references, along, direction)} |", flush=True)
+    queries, references = sets["every 20th image"]
+    print("\n| change of the query | method | heading ° | 95 % | place cm | 95 % | order |\n" + "|---" * 7 + "|")
+    for name, change in changes(np.random.default_rng(0)).items():
+        before, changed = [images[i] for i in references], [change(images[i]) for i in queries]
+        if name == "half the size":  # also of the references
+            before = [change(each) for each in before]
+        for method, locate in METHODS.items():
+            found = locate(changed, before)
+            print(f"| {name} | {method} | {_errors(found, queries, references, along, direction)} |", flush=True)
+
+
+def changes(rng: np.random.Generator) -> dict[str, Callable[[Image], Image]]:
+    """Return changes of an image, as of another run of the robot."""
+    import cv2
+
+    def exposed(image: Image) -> Image:
+        return np.clip(rng.uniform(0.5, 1.5) * image + rng.uniform(-30, 30), 0, 255).astype(np.uint8)
+
+    def halved(image: Image) -> Image:
+        size = image.shape[1] // 2, image.shape[0] // 2
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def masked(share: float) -> Callable[[Image], Image]:
+        return lambda image: np.where(np.arange(image.shape[1]) < share * image.shape[1], 0, image).astype(np.uint8)
+
+    return {
+        "gamma 2": lambda image: (255 * (image / 255) ** 2).astype(np.uint8),
+        "gain and offset of each": exposed,
+        "noise of 25 gray values": lambda image: np.clip(image + rng.normal(0, 25, image.shape), 0, 255).astype(
+            np.uint8
+        ),
+        "half the size": halved,
+        "a quarter masked": masked(0.25),
+        "half masked": masked(0.5),
+    }
+
+
+def _errors(
+    found: Sequence[Located], queries: NDArray[np.intp], references: NDArray[np.intp], along: Array, direction: Array
+) -> str:
+    """Return the cells of headings and places on the route."""
+    from scipy.stats import spearmanr
+
+    nearest = references[[each.reference for each in found]]
+    turned = direction[queries] - direction[nearest]
+    error = np.abs([wrap_deg(each.heading - t) for each, t in zip(found, turned, strict=True)])
+    away = np.abs(along[queries] - along[nearest])
+    order = float(spearmanr(along[queries], along[nearest]).statistic)
+    cells = [np.median(error), np.quantile(error, 0.95), np.median(away), np.quantile(away, 0.95), order]
+    return " | ".join(f"{value:.{digits}f}" for value, digits in zip(cells, (2, 1, 1, 1, 4), strict=True))
 
 
 def shoot(scene: str, distance: float, rng: np.random.Generator) -> tuple[list[Image], list[Image], Array]:

@@ -6,7 +6,9 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry import rotation as so3
-from omnisight.places.panorama_rotation import PanoramaSignature, estimate_rotation, wrap_deg
+from omnisight.places.panorama_rotation import OVERSAMPLING, correlations, estimate_rotation, wrap_deg
+from omnisight.places.panorama_signature import PanoramaSignature
+from omnisight.places.visual_compass import VisualCompass
 from omnisight.simulation import Renderer, mirror_setup, scene_named
 
 WIDTH, HEIGHT = 120, 25
@@ -65,6 +67,52 @@ def test_increasing_functions_of_the_gray_values_change_nothing():
     expected = rotation(query, image)
     for changed in (0.3 * query + 60, np.sqrt(query), query**3):
         assert rotation(changed, image) == pytest.approx(expected, abs=1e-9)
+
+
+def masked(image, first, last, level):
+    changed = image.copy()
+    changed[:, first:last] = level
+    return changed
+
+
+@pytest.mark.parametrize("level", [0, 130, 255])
+@pytest.mark.parametrize("is_reference_masked", [False, True])
+def test_half_of_the_panorama_may_be_masked(level, is_reference_masked):
+    image, columns = textured(), 30
+    query = masked(np.roll(image, -columns, axis=1), 20, 80, level)
+    reference = masked(image, 20, 80, level) if is_reference_masked else image
+    found = rotation(query, reference)
+    error = abs(found.yaw_deg - 90)
+    assert error < 1.0  # a third of a column; the ranks are those of other columns
+    assert error < 3 * found.sigma_deg + 1e-6
+    others = [textured(seed) for seed in range(1, 6)]
+    compass = VisualCompass([PanoramaSignature(each) for each in (*others, reference)])
+    assert compass.locate(PanoramaSignature(query))[0] == len(others)
+
+
+def test_correlations_of_common_columns_equal_those_of_their_definition():
+    image = textured()
+    query, reference = (
+        PanoramaSignature(masked(each, *columns, 0))
+        for each, columns in ((np.roll(image, -13, axis=1), (10, 40)), (image, (70, 115)))
+    )
+    found = correlations(query, [reference])[0, ::OVERSAMPLING]
+    common = [query.observed & np.roll(reference.observed, -k) for k in range(WIDTH)]
+    most = max(each.sum() for each in common)
+    for k, both in enumerate(common):
+        a, b = (each[:, both] for each in (query.values, np.roll(reference.values, -k, axis=1)))
+        a, b = (each - each.mean(axis=1, keepdims=True) for each in (a, b))
+        true = (a * b).sum() / np.sqrt((a**2).sum() * (b**2).sum())
+        expected = np.sign(true) * np.sqrt(1 - (1 - true**2) ** (both.sum() / most))
+        assert found[k] == pytest.approx(expected, abs=2e-3)
+
+
+def test_columns_of_an_unmasked_panorama_are_observed():
+    assert PanoramaSignature(textured()).observed.all()
+    stripes = np.repeat(np.repeat([20, 200], 30)[None, :], 10, axis=0)
+    assert PanoramaSignature(stripes).observed.all()  # nothing else is seen
+    mask = masked(textured(), 5, 20, 7)
+    assert np.flatnonzero(~PanoramaSignature(mask).observed).tolist() == list(range(5, 20))
 
 
 def test_the_standard_deviation_is_that_of_the_errors():

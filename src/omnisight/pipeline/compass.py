@@ -9,7 +9,8 @@ from omnisight.pipeline.central_camera import CameraSource
 from omnisight.pipeline.compass_images import CompassImage, NamedImage, PanoramaReader, named_images
 from omnisight.pipeline.compass_options import CompassOptions
 from omnisight.pipeline.options import check_options
-from omnisight.places.panorama_rotation import CompassRotation, PanoramaSignature, estimate_rotation
+from omnisight.places.panorama_rotation import CompassRotation, estimate_rotation
+from omnisight.places.panorama_signature import PanoramaSignature
 from omnisight.places.visual_compass import VisualCompass
 
 Progress = Callable[[str, int, int], None]

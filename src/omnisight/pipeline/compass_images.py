@@ -15,7 +15,7 @@ from omnisight.geometry.rotation import look
 from omnisight.images import collect_images, read_image, to_gray8
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image, central_camera
 from omnisight.pipeline.compass_options import CompassOptions
-from omnisight.places.panorama_rotation import PanoramaSignature
+from omnisight.places.panorama_signature import PanoramaSignature
 from omnisight.views import Remapper, sphere
 from omnisight.views.image_size import is_resized
 from omnisight.views.maps import extrapolation_mask

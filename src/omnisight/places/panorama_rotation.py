@@ -1,16 +1,13 @@
 """Rotation between two panoramas about the vertical axis, from their appearance."""
 
-from functools import cached_property
-from typing import NamedTuple, Self
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.stats import rankdata
 
 from omnisight.display import named_tuple_text
-
-Array = NDArray[np.float64]
+from omnisight.places.panorama_signature import Array, PanoramaSignature, normalized
 
 # Samples of the correlation per column: its maximum is then within the basin of the refinement.
 OVERSAMPLING = 4
@@ -20,9 +17,10 @@ STEP_COLUMNS = 1e-5
 MAX_HALVINGS = 5
 # Sectors of the panorama whose errors are regarded as independent.
 SECTORS = 12
-# Standard deviation of the smoothing before a first refinement. It widens the basin to the displacement of columns by a
-# translation of a quarter of the distance of the surroundings.
-SMOOTHING_RAD = 0.25
+# Common columns below which a rotation is not considered.
+MIN_COMMON_COLUMNS = 8
+# References whose correlations are computed at once, which bounds the memory.
+CHUNK = 64
 # Error of the rotation relative to the displacement of columns by a translation, because the surroundings are not at
 # equal distance: 0.07 to 0.13 (68 %) in rendered rooms and streets, 0.12 to 0.16 outdoors.
 DISPLACEMENT_ERROR = 0.12
@@ -77,75 +75,55 @@ class _Fit(NamedTuple):
         return float((self.residuals**2).sum())
 
 
-class PanoramaSignature:
-    """Appearance of a panorama without its brightness and contrast.
-
-    Gray values are replaced by their ranks, on which an increasing function of the gray values has no effect. The
-    mean of each row, which does not depend on the heading, is subtracted.
-
-    Attributes
-    ----------
-    values
-        (H, W), of norm 1; zero if the panorama is uniform along its rows.
-    """
-
-    def __init__(self, gray: NDArray[np.generic], row_weights: Array | None = None) -> None:
-        ranks = rankdata(gray).reshape(gray.shape)
-        values = ranks - ranks.mean(axis=1, keepdims=True)
-        self.values = _normalized(values if row_weights is None else values * np.sqrt(row_weights)[:, None])
-
-    @classmethod
-    def of(cls, values: Array) -> Self:
-        """Return the signature with values (H, W), which are normalized."""
-        signature = cls.__new__(cls)
-        signature.values = _normalized(values)
-        return signature
-
-    @property
-    def is_uniform(self) -> bool:
-        """Whether nothing in the panorama depends on the heading."""
-        return not self.values.any()
-
-    @cached_property
-    def spectrum(self) -> NDArray[np.complex64]:
-        """Fourier transforms (H, F) of the rows."""
-        return np.fft.rfft(self.values, axis=1).astype(np.complex64)
-
-    @cached_property
-    def smoothed(self) -> Self:
-        """The signature of the panorama smoothed along its rows."""
-        columns = self.values.shape[1]
-        gain = np.exp(-((np.arange(columns // 2 + 1) * SMOOTHING_RAD) ** 2) / 2)
-        values = np.fft.irfft(np.fft.rfft(self.values, axis=1) * gain, n=columns, axis=1)
-        return self.of(values)
-
-    @cached_property
-    def rows(self) -> CubicSpline:
-        """Periodic cubic splines of the rows."""
-        closed = np.concatenate([self.values, self.values[:, :1]], axis=1)
-        return CubicSpline(np.arange(closed.shape[1]), closed.T, bc_type="periodic")
-
-
-def _normalized(values: Array) -> Array:
-    """Return an array divided by its norm, if that is not zero."""
-    norm = float(np.linalg.norm(values))
-    return values / norm if norm > 0 else values
-
-
-def correlations(query: PanoramaSignature, spectra: NDArray[np.complex64]) -> Array:
+def correlations(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> Array:
     """Return the correlation coefficients (N, OVERSAMPLING W) of a panorama with others after every rotation.
 
-    Parameters
-    ----------
-    query
-        The panorama.
-    spectra
-        (N, H, F) spectra of the others.
+    Where columns are not observed, they are those of the common columns, reduced to the coefficients of the same
+    likelihood for the largest number of common columns.
     """
-    products = np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra)
+    is_whole = all(each.observed.all() for each in (query, *references))
+    correlate = _correlations if is_whole else _common_correlations
+    parts = [references[k : k + CHUNK] for k in range(0, len(references), CHUNK)]
+    found = np.concatenate([correlate(query, part) for part in parts])
+    if not is_whole:
+        common = _columns(query.mask_spectrum.conj() * np.stack([each.mask_spectrum for each in references]), query)
+        exponent = common / common.max()
+        found *= common > MIN_COMMON_COLUMNS - 0.5
+        found = np.sign(found) * np.sqrt(1 - (1 - np.minimum(found**2, 1.0)) ** exponent)
     columns = query.values.shape[1]
-    products[:, columns // 2 + 1 :] = 0
-    return OVERSAMPLING * np.fft.irfft(products, n=OVERSAMPLING * columns, axis=1)
+    transformed = np.fft.rfft(found, axis=1)
+    transformed[:, columns // 2 + 1 :] = 0
+    return OVERSAMPLING * np.fft.irfft(transformed, n=OVERSAMPLING * columns, axis=1)
+
+
+def _correlations(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> Array:
+    """Return correlation coefficients (N, W) of panoramas without masks."""
+    spectra = np.stack([each.spectrum for each in references])
+    return _columns(np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra), query)
+
+
+def _columns(products: NDArray[np.complexfloating], query: PanoramaSignature) -> Array:
+    """Return circular correlations (..., W) from products of spectra (..., F)."""
+    return np.fft.irfft(products, n=query.values.shape[1], axis=-1)
+
+
+def _common_correlations(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> Array:
+    """Return correlation coefficients (N, W) of the common columns, without the means of the rows of these.
+
+    D. Padfield, Masked object registration in the Fourier domain, IEEE Trans. Image Processing 21(5), 2012.
+    """
+    spectra = np.stack([each.spectrum for each in references])
+    masks = np.stack([each.mask_spectrum for each in references])
+    energies = np.stack([each.energy_spectrum for each in references])
+    common = np.maximum(_columns(query.mask_spectrum.conj() * masks, query), 1.0)
+    sums_q = _columns(query.spectrum.conj() * masks[:, None], query)  # (N, H, W)
+    sums_r = _columns(query.mask_spectrum.conj() * spectra, query)
+    products = _columns(np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra), query)
+    energy_q = _columns(query.energy_spectrum.conj() * masks, query) - (sums_q**2).sum(axis=1) / common
+    energy_r = _columns(query.mask_spectrum.conj() * energies, query) - (sums_r**2).sum(axis=1) / common
+    # Of uniform columns only rounding errors are left, of energies whose sum over all columns is 1.
+    norm = np.sqrt(np.maximum(energy_q, 1e-5) * np.maximum(energy_r, 1e-5))
+    return np.clip((products - (sums_q * sums_r).sum(axis=1) / common) / norm, -1.0, 1.0)
 
 
 def estimate_rotation(
@@ -169,11 +147,11 @@ def estimate_rotation(
     -------
     The rotation from the reference to the query.
     """
-    found = correlations(query, reference.spectrum[None])[0] if correlation is None else correlation
+    found = correlations(query, [reference])[0] if correlation is None else correlation
     columns = query.values.shape[1]
     start = np.array([found.argmax() / OVERSAMPLING, 0.0, 0.0])
-    coarse = _refine(query.smoothed.values, reference.smoothed, start).parameters
-    fits = [_refine(query.values, reference, each) for each in (start, coarse)]
+    coarse = _refine(query.smoothed, reference.smoothed, start).parameters
+    fits = [_refine(query, reference, each) for each in (start, coarse)]
     best = min(fits, key=lambda fit: fit.cost)
     displacement = float(np.hypot(*best.parameters[1:]))
     variance = _variance(best) + (DISPLACEMENT_ERROR * displacement) ** 2 + _ambiguity(found, best.residuals, columns)
@@ -189,21 +167,23 @@ def wrap_deg(angle: float) -> float:
     return (angle + 180.0) % 360.0 - 180.0
 
 
-def _refine(query: Array, reference: PanoramaSignature, start: Array) -> _Fit:
-    """Minimize the difference of a panorama (H, W) from a reference by Gauss-Newton, from initial parameters (3,)."""
-    columns = query.shape[1]
+def _refine(query: PanoramaSignature, reference: PanoramaSignature, start: Array) -> _Fit:
+    """Minimize the difference of a panorama from a reference by Gauss-Newton, from initial parameters (3,)."""
+    columns = query.values.shape[1]
     azimuth = 2 * np.pi * np.arange(columns) / columns
     basis = np.stack([np.ones(columns), np.sin(azimuth), np.cos(azimuth)])
 
     def evaluate(parameters: Array) -> tuple[Array, Array]:
         positions = (np.arange(columns) + parameters @ basis) % columns
-        values, slopes = reference.rows(positions).T, reference.rows(positions, 1).T
+        common = query.observed & reference.observed_at(positions)
+        target = normalized(_centered(query.values, common))
+        values = _centered(reference.rows(positions).T, common)
         norm = max(float((values**2).sum()), np.finfo(float).tiny)
-        gain = (values * query).sum() / norm
-        jacobian = gain * slopes * basis[:, None]
+        gain = (values * target).sum() / norm
+        jacobian = gain * _centered(reference.rows(positions, 1).T * basis[:, None], common)
         # The gain is eliminated: only the part of the slopes that is orthogonal to the values changes the residuals.
         jacobian -= (jacobian * values).sum((1, 2), keepdims=True) * values / norm
-        return query - gain * values, jacobian
+        return target - gain * values, jacobian
 
     parameters = start
     residuals, jacobian = evaluate(parameters)
@@ -223,6 +203,12 @@ def _refine(query: Array, reference: PanoramaSignature, start: Array) -> _Fit:
     return _Fit(parameters, residuals, jacobian)
 
 
+def _centered(values: Array, common: NDArray[np.bool_]) -> Array:
+    """Return values (..., H, W) less the means of their rows over the common columns (W,), and zero elsewhere."""
+    means = values @ common / max(int(common.sum()), 1)
+    return np.where(common, values - means[..., None], 0.0)
+
+
 def _variance(fit: _Fit) -> float:
     """Return the variance of the rotation, columns squared, for residuals that are correlated within sectors."""
     count = len(fit.parameters)
@@ -232,7 +218,9 @@ def _variance(fit: _Fit) -> float:
     edges = np.linspace(0, len(influence), min(SECTORS, len(influence)) + 1).astype(int)[:-1]
     # Every start of the sectors is equally good.
     totals = [np.add.reduceat(np.roll(influence, k), edges) for k in range(int(np.diff(edges).max(initial=1)))]
-    return float(np.mean(np.square(totals)) * len(edges) * len(edges) / (len(edges) - count))
+    observed = float(np.mean(fit.residuals.any(axis=0)))  # share of the columns
+    sectors = max(observed * len(edges), count + 1)
+    return float(np.mean(np.square(totals)) * len(edges) * sectors / (sectors - count))
 
 
 def _ambiguity(correlation: Array, residuals: Array, columns: int) -> float:

@@ -4,12 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from omnisight.places.panorama_rotation import (
-    CompassRotation,
-    PanoramaSignature,
-    correlations,
-    estimate_rotation,
-)
+from omnisight.places.panorama_rotation import CompassRotation, correlations, estimate_rotation
+from omnisight.places.panorama_signature import PanoramaSignature
 
 
 class VisualCompass:
@@ -27,7 +23,6 @@ class VisualCompass:
 
     def __init__(self, references: Sequence[PanoramaSignature]) -> None:
         self.references = references
-        self._spectra = np.stack([each.spectrum for each in references])
 
     def locate(self, query: PanoramaSignature, excluded: int | None = None) -> tuple[int, CompassRotation]:
         """Return the index of the most similar reference and the rotation from it.
@@ -39,7 +34,7 @@ class VisualCompass:
         excluded
             Reference to leave out, such as the query itself.
         """
-        found = correlations(query, self._spectra)
+        found = correlations(query, self.references)
         similarity = found.max(axis=1)
         if excluded is not None:
             similarity[excluded] = -np.inf
