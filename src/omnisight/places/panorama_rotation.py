@@ -98,8 +98,12 @@ def correlations(query: PanoramaSignature, references: Sequence[PanoramaSignatur
 
 def _correlations(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> Array:
     """Return correlation coefficients (N, W) of panoramas without masks."""
-    spectra = np.stack([each.spectrum for each in references])
-    return _columns(np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra), query)
+    return _columns(_products(query, references), query)
+
+
+def _products(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> NDArray[np.complex64]:
+    """Return the products (N, F) of spectra, summed over the rows."""
+    return np.stack([np.einsum("hf,hf->f", query.spectrum.conj(), each.spectrum) for each in references])
 
 
 def _columns(products: NDArray[np.complexfloating], query: PanoramaSignature) -> Array:
@@ -118,7 +122,7 @@ def _common_correlations(query: PanoramaSignature, references: Sequence[Panorama
     common = np.maximum(_columns(query.mask_spectrum.conj() * masks, query), 1.0)
     sums_q = _columns(query.spectrum.conj() * masks[:, None], query)  # (N, H, W)
     sums_r = _columns(query.mask_spectrum.conj() * spectra, query)
-    products = _columns(np.einsum("hf,nhf->nf", query.spectrum.conj(), spectra), query)
+    products = _columns(_products(query, references), query)
     energy_q = _columns(query.energy_spectrum.conj() * masks, query) - (sums_q**2).sum(axis=1) / common
     energy_r = _columns(query.mask_spectrum.conj() * energies, query) - (sums_r**2).sum(axis=1) / common
     # Of uniform columns only rounding errors are left, of energies whose sum over all columns is 1.
