@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from omnisight.images import (
 from omnisight.images.image_field import ImageField
 from omnisight.parallel import prefetch
 from omnisight.pipeline.image_set import ImageSet, image_set
+from omnisight.sfm.head_problem import LensField
 
 Bytes = NDArray[np.uint8]
 StitchSource = str | PathLike[str] | NDArray[Any]
@@ -146,7 +147,7 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     return HeadFrames((tuple(images),), all(clips), is_split, (label,))
 
 
-def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[ImageField, ImageField]:
+def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[LensField, LensField]:
     """Return the image fields of two lenses of a head.
 
     Raises
@@ -166,21 +167,33 @@ def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[Imag
             + "; without image circles specify a calibrated rig (--rig)"
         )
     if missing or found[0].size == found[1].size:
-        found = _common_circle(found)
-    return found[0], found[1]
+        return _common_circle(found)
+    return LensField(found[0]), LensField(found[1])
 
 
 def _rescaled_field(grays: Sequence[NDArray[np.uint8]], shape: tuple[int, ...]) -> ImageField:
     return estimate_image_field(grays).resized((shape[1], shape[0]))
 
 
-def _common_circle(fields: list[ImageField]) -> list[ImageField]:
+def _common_circle(fields: list[ImageField]) -> tuple[LensField, LensField]:
     """Replace a missing or too large circle by that of the other lens: glare beyond the rim enlarges it."""
     radii = [field.outer.radius if field.outer else np.inf for field in fields]
-    small = int(np.argmin(radii))
-    if radii[1 - small] > radii[small] * (1 + MAX_RADIUS_DIFFERENCE):
-        fields[1 - small] = fields[small].resized(fields[1 - small].size)
-    return fields
+    limit = min(radii) * (1 + MAX_RADIUS_DIFFERENCE)
+    smaller = fields[int(np.argmin(radii))]
+    first, second = (
+        LensField(field) if radius <= limit else _centered(smaller.resized(field.size))
+        for field, radius in zip(fields, radii, strict=True)
+    )
+    return first, second
+
+
+def _centered(field: ImageField) -> LensField:
+    """Return the field of another lens in the centre of the image: both are not decentered alike."""
+    if field.outer is None:
+        raise ValueError("the field has no image circle")
+    width, height = field.size
+    circle = replace(field.outer, centre=((width - 1) / 2, (height - 1) / 2))
+    return LensField(replace(field, outer=circle), is_own=False)
 
 
 def frames_of_folder(found: ImageSet, folder: StitchSource, names: Sequence[str]) -> HeadFrames:

@@ -100,7 +100,7 @@ def head_rig(
         listed = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in samples[0])
         raise ValueError(f"the images are of different sizes ({listed}): specify the rig, or the camera of each")
     fields = lens_fields(samples, frames.is_split)
-    allowed = tuple(_in_circle(field, mask) for field, mask in zip(fields, masks, strict=True))
+    allowed = tuple(_in_circle(lens.field, mask) for lens, mask in zip(fields, masks, strict=True))
     pairs = [(frame[0], frame[1]) for frame in samples]
     found = calibrate_head(pairs, fields, (allowed[0], allowed[1]))
     if found:

@@ -15,11 +15,19 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.features import Keypoints
 from omnisight.geometry import rotation as so3
-from omnisight.images import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optim.loss import NORMAL_MEDIAN, robust_sigma
 from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
-from omnisight.sfm.head_problem import K1_MEAN, K1_SIGMA, K2_SIGMA, LENS_PARAMETERS, HeadProblem, lens_bearings, shifted
+from omnisight.sfm.head_problem import (
+    K1_MEAN,
+    K1_SIGMA,
+    K2_SIGMA,
+    LENS_PARAMETERS,
+    HeadProblem,
+    LensField,
+    lens_bearings,
+    shifted,
+)
 from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import estimate_relative_pose
@@ -42,7 +50,7 @@ CAUCHY_SIGMA = 3.0
 
 def calibrate_head(
     images: Sequence[tuple[NDArray[Any], NDArray[Any]]],
-    fields: tuple[ImageField, ImageField],
+    fields: tuple[LensField, LensField],
     masks: tuple[NDArray[np.bool_], NDArray[np.bool_]],
 ) -> HeadCalibration:
     """Estimate the lenses of a head and their relative rotation from simultaneous images.
@@ -52,7 +60,7 @@ def calibrate_head(
     images
         The images of both lenses, for each frame.
     fields
-        The image fields of both lenses, with an image circle.
+        The image fields of both lenses.
     masks
         (H, W) which pixels to use.
 
@@ -60,7 +68,7 @@ def calibrate_head(
     -------
     The calibration; false with a reason if too few matches agree with a rotation.
     """
-    guesses = [tuple(_guess(field, fov) for field in fields) for fov in FIELDS_OF_VIEW]
+    guesses = [tuple(_guess(lens, fov) for lens in fields) for fov in FIELDS_OF_VIEW]
     middle = guesses[FIELDS_OF_VIEW.index(190)]
     keypoints = detect_in_lenses(images, middle, masks)
     overlap = match_overlap([(_at_rim(a, fields[0]), _at_rim(b, fields[1])) for a, b in keypoints])
@@ -77,8 +85,8 @@ def calibrate_head(
         return HeadCalibration(cameras, rotation, np.full((13, 13), np.nan), int(inliers.sum()), np.nan, (), reason)
     overlap = overlap.select(inliers)
     motions = _motions(keypoints, cameras, rotation)
-    radius = tuple(field.outer.radius if field.outer else 0.5 * max(field.size) for field in fields)
-    problem = HeadProblem(cameras, (radius[0], radius[1]), rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
+    sigmas = (fields[0].center_sigma, fields[1].center_sigma)
+    problem = HeadProblem(cameras, sigmas, rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
     return _solved(problem, len(images))
 
 
@@ -109,8 +117,7 @@ def _scales(problem: HeadProblem) -> Array:
 def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
     """Return the problem with the standard deviations of its residuals."""
     cameras, rotation = problem.cameras(x), problem.turned(x)
-    a, b = lens_bearings(cameras[0], problem.overlap.first), lens_bearings(cameras[1], problem.overlap.other)
-    sigma = robust_sigma(np.linalg.norm(a @ rotation.T - b, axis=1))
+    sigma = robust_sigma(problem.distances(x))
     values = [
         problem.epipolar(
             so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
@@ -226,19 +233,16 @@ def _rotation_of(
     return best_rotation(a, b, TOLERANCE_RAD, rng)
 
 
-def _guess(field: ImageField, degrees: float) -> Camera:
+def _guess(lens: LensField, degrees: float) -> Camera:
     """Return the lens of a field of view whose profile is that of the prior."""
-    if field.outer is None:
-        raise ValueError("the field has no image circle")
-    rim, (cx, cy) = np.radians(degrees / 2), field.outer.centre
-    focal = float(field.outer.radius / (rim * (1 + K1_MEAN * rim**2)))
-    return Camera(KannalaBrandt(focal, focal, cx, cy, K1_MEAN, 0.0, 0.0, 0.0), field.size)
+    rim, (cx, cy) = np.radians(degrees / 2), lens.circle.centre
+    focal = float(lens.circle.radius / (rim * (1 + K1_MEAN * rim**2)))
+    return Camera(KannalaBrandt(focal, focal, cx, cy, K1_MEAN, 0.0, 0.0, 0.0), lens.field.size)
 
 
-def _at_rim(keypoints: Keypoints, field: ImageField) -> Keypoints:
-    if field.outer is None:
-        return keypoints
-    return keypoints[np.linalg.norm(keypoints.pixels - field.outer.centre, axis=1) > RIM_SHARE * field.outer.radius]
+def _at_rim(keypoints: Keypoints, lens: LensField) -> Keypoints:
+    distance = np.linalg.norm(keypoints.pixels - lens.circle.centre, axis=1)
+    return keypoints[distance > RIM_SHARE * lens.circle.radius]
 
 
 def estimate_head_rotation(

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
+from omnisight.images.ellipse import Ellipse
+from omnisight.images.image_field import ImageField
 from omnisight.sfm.head_matches import INDEPENDENT_MATCHES, OverlapMatches
 
 Array = NDArray[np.float64]
@@ -17,10 +19,40 @@ Array = NDArray[np.float64]
 K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
 # Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
 SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
-# Standard deviation of the principal point about the centre of the image circle, as a share of its radius.
-CENTER_SIGMA = 0.006
+# Standard deviation of the principal point about the centre of the image circle, as a share of its radius: 0.003 of
+# five calibrated fisheyes, 0.008 of a head; and about the centre of the image: 0.018 of the five.
+CENTER_SIGMA, IMAGE_CENTER_SIGMA = 0.006, 0.018
 # Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
 LENS_PARAMETERS = 5
+
+
+@dataclass(frozen=True)
+class LensField:
+    """The image field of a lens of a head, with an image circle.
+
+    Attributes
+    ----------
+    field
+        The field.
+    is_own
+        Whether the circle was detected in the images of this lens. If not, it has the shape of that of the other lens,
+        and is in the centre of the image.
+    """
+
+    field: ImageField
+    is_own: bool = True
+
+    @property
+    def circle(self) -> Ellipse:
+        """The image circle."""
+        if self.field.outer is None:
+            raise ValueError("the field has no image circle")
+        return self.field.outer
+
+    @property
+    def center_sigma(self) -> float:
+        """Standard deviation of the principal point about the centre of the circle, px."""
+        return (CENTER_SIGMA if self.is_own else IMAGE_CENTER_SIGMA) * self.circle.radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +60,7 @@ class HeadProblem:
     """Least squares over both lenses, the rotation, and the motions between frames."""
 
     start: tuple[Camera, Camera]
-    radius: tuple[float, float]
+    center_sigma: tuple[float, float]
     rotation: Array
     overlap: OverlapMatches
     motions: list[tuple[Array, Array, list[tuple[Array, Array]]]]
@@ -49,13 +81,19 @@ class HeadProblem:
         """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
         cameras, rotation = self.cameras(x), self.turned(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
-        parts = [((a @ rotation.T - b) / self.sigma).ravel()]
+        parts = [np.where(_both_seen(a, b)[:, None], (a @ rotation.T - b) / self.sigma, np.inf).ravel()]
         for k, (turn, shift, lenses) in enumerate(self.motions):
             step = x[13 + 5 * k : 18 + 5 * k]
             parts.append(self.epipolar(so3.exp(step[:3]) @ turn, shifted(shift, step[3:]), lenses, cameras, rotation))
         robust = np.arctan(np.concatenate(parts) / 3) * 3
         robust[: 3 * len(a)] /= np.sqrt(self.overlap.correlation)
         return np.concatenate([robust, self._priors(x)])
+
+    def distances(self, x: Array) -> Array:
+        """Return the angles (N,) between the matches of the overlap after the rotation, infinite outside the domain."""
+        cameras, rotation = self.cameras(x), self.turned(x)
+        a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
+        return np.where(_both_seen(a, b), np.linalg.norm(a @ rotation.T - b, axis=1), np.inf)
 
     def correlations(self) -> Array:
         """Return by how much the error of each residual weighs more than that of an independent one.
@@ -82,15 +120,15 @@ class HeadProblem:
             a, b = lens_bearings(camera, before) @ to_first, lens_bearings(camera, after) @ to_first
             normals = np.cross(shift, a @ turn.T)
             length = np.maximum(np.linalg.norm(normals, axis=1), 0.05)
-            angles.append((normals * b).sum(1) / length / self.motion_sigma)
+            angle = (normals * b).sum(1) / length / self.motion_sigma
+            angles.append(np.where(_both_seen(a, b), angle, np.inf))
         return np.concatenate(angles)
 
     def _priors(self, x: Array) -> Array:
         parts: list[float] = []
-        for lens, radius in enumerate(self.radius):
+        for lens, sigma in enumerate(self.center_sigma):
             log_f, k1, k2, cx, cy = x[5 * lens : 5 * lens + 5]
             model: Any = self.start[lens].model
-            sigma = CENTER_SIGMA * radius
             parts += [(model.k1 + k1 - K1_MEAN) / K1_SIGMA, (model.k2 + k2) / K2_SIGMA, cx / sigma, cy / sigma]
             parts.append(log_f / 1.0)
         first, second = (camera.model for camera in self.cameras(x))
@@ -113,6 +151,11 @@ def lens_bearings(camera: Camera, pixels: Array) -> Array:
     """Return bearings (N, 3), zero outside the domain of the model."""
     bearings, valid = camera.model.unproject_numpy(pixels)
     return np.where(valid[:, None], bearings, 0.0)
+
+
+def _both_seen(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Return which bearings (N, 3) of both images are in the domain of the model: others are not zero residuals."""
+    return np.asarray(a.any(axis=1) & b.any(axis=1))
 
 
 def shifted(shift: Array, step: Array) -> Array:

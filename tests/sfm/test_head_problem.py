@@ -1,0 +1,46 @@
+"""Residuals and priors of the calibration of a head."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omnisight import Camera
+from omnisight.geometry import rotation as so3
+from omnisight.images.ellipse import Ellipse
+from omnisight.images.image_field import ImageField
+from omnisight.models.kannala_brandt import KannalaBrandt
+from omnisight.pipeline.stitch_inputs import _common_circle
+from omnisight.sfm.head_matches import OverlapMatches
+from omnisight.sfm.head_problem import HeadProblem
+
+SIZE, CENTRE = 1300, 649.5
+BACK_FROM_FRONT = so3.exp([0.0, np.pi, 0.0])
+LENS = Camera(KannalaBrandt(414.0, 414.0, CENTRE, CENTRE, -0.02, -0.005, 0.0, 0.0), (SIZE, SIZE))
+
+
+def test_matches_outside_the_domain_of_a_lens_are_not_without_residual():
+    rng, count = np.random.default_rng(0), 50
+    theta, phi = np.radians(rng.uniform(81, 99, count)), rng.uniform(0, 2 * np.pi, count)
+    front = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    first, other = (LENS.project(x)[0] + 0.5 for x in (front, front @ BACK_FROM_FRONT.T))
+    frame = np.zeros(count, np.intp)
+    inside = HeadProblem((LENS, LENS), (4.0, 4.0), BACK_FROM_FRONT, OverlapMatches(first, other, frame), [], 0.01, 3e-3)
+    # Both lenses: the zero vectors of invalid bearings agree with any rotation.
+    beyond = OverlapMatches(first + 5000.0, other + 5000.0, frame)
+    outside, x = dataclasses.replace(inside, overlap=beyond), np.zeros(inside.size)
+    assert np.abs(outside.residuals(x)[: 3 * count]).min() > np.abs(inside.residuals(x)[: 3 * count]).max()
+    assert np.isinf(outside.distances(x)).all()
+    assert inside.distances(x).max() < 0.01
+
+
+def test_a_circle_that_glare_enlarges_is_replaced_by_one_of_uncertain_centre():
+    own = ImageField((SIZE, SIZE), Ellipse((655.0, 640.0), (600.0, 600.0), 0.0))
+    glare = ImageField((SIZE, SIZE), Ellipse((580.0, 640.0), (680.0, 650.0), 0.0))
+    first, second = _common_circle([own, glare])
+    assert first.is_own
+    assert first.field == own
+    assert not second.is_own
+    assert second.circle.radius == pytest.approx(600.0)
+    assert second.circle.centre == (CENTRE, CENTRE)
+    assert second.center_sigma == pytest.approx(3 * first.center_sigma)
