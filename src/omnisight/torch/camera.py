@@ -9,9 +9,11 @@ from omnisight.camera import Camera as NumpyCamera
 from omnisight.torch import fused_kernels
 from omnisight.torch.evaluation import Evaluation, fast_code
 from omnisight.torch.formulas import BoundFormula, Bounds, Formula, Method
-from omnisight.torch.sampling import pixel_footprint, sample
+from omnisight.torch.sampling import sample
 from omnisight.torch.tensor_functions import has_derivative
 
+# Spacing of the pixels at which the footprint of a map is computed: it changes slowly.
+FOOTPRINT_STEP_PX = 8
 METHODS: tuple[Method, ...] = ("project", "unproject")
 
 
@@ -191,7 +193,7 @@ class Camera(nn.Module):
             found, expected = f"{image.shape[-1]}x{image.shape[-2]}", f"{self.size[0]}x{self.size[1]}"
             raise ValueError(f"the image is {found} px, but its camera {expected}: scale the camera (Camera.scaled)")
         pixels, valid = self.map(target, target_from_source)
-        footprint = pixel_footprint(self, pixels.detach()) if antialias else None
+        footprint = self._footprint(pixels) if antialias else None
         return sample(image, pixels, valid, footprint=footprint, periodic=self.period is not None), valid
 
     def _bound(self, method: Method) -> BoundFormula:
@@ -204,6 +206,35 @@ class Camera(nn.Module):
         """The pixels that an image covers: across the seam of a panorama coordinates may round."""
         (width, height), seam = self.size, 0.0 if self.period is None else 0.5
         return Bounds(-0.5 - seam, width - 0.5 + seam, -0.5, height - 0.5)
+
+    @torch.no_grad()
+    def _footprint(self, pixels: Tensor) -> Tensor:
+        """Return how many pixels of this camera a pixel of a map (..., height, width, 2) spans in its denser direction.
+
+        In a periodic image columns are weighted by the cosine of the latitude, because near a pole many of them have
+        nearly the same direction. 1 where unknown. Computed for every eighth row and column (..., rows, columns).
+        """
+        height, width = pixels.shape[-3:-1]
+        rows, columns = (
+            torch.arange(0, count, FOOTPRINT_STEP_PX, device=pixels.device).clamp(max=max(count - 2, 0))
+            for count in (height, width)
+        )
+        start = pixels[..., rows[:, None], columns, :]
+        scale = torch.ones_like(start[..., 0])
+        if self.period is not None:
+            v = start[..., 1]
+            bearings, _ = self.unproject(torch.stack([torch.full_like(v, self.size[0] / 2), v], -1))
+            scale = torch.hypot(bearings[..., 0], bearings[..., 2])
+        footprint = torch.ones_like(scale)
+        for below, right in ((1, 0), (0, 1)):
+            if (below and height < 2) or (right and width < 2):
+                continue
+            du, dv = (pixels[..., rows[:, None] + below, columns + right, :] - start).unbind(-1)
+            if self.period is not None:
+                du = du - self.period * torch.round(du / self.period)
+            length = torch.hypot(du * scale, dv)
+            footprint = torch.where(length > footprint, length, footprint)  # False for NaN
+        return footprint
 
     def _evaluate(self, method: Method, array: Tensor) -> tuple[Tensor, Tensor]:
         function = self._bound(method)

@@ -1,7 +1,7 @@
 """Sampling of images at pixels with derivatives: bilinear, across the seam of a panorama, averaged by mipmaps."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as nn_functional
@@ -9,9 +9,6 @@ from torch import Tensor
 
 from omnisight.parallel import parallel_for
 from omnisight.torch.tensor_functions import constant, has_derivative, is_traced
-
-if TYPE_CHECKING:
-    from omnisight.torch.camera import Camera
 
 # Columns beyond the seam, on the coarsest level, that the kernel of the mipmaps and the interpolation reach.
 WRAP_COLUMNS = 4
@@ -21,8 +18,6 @@ MARGIN_PX = 1
 MAX_LEVEL = 6
 # Views with a smaller reduction (log2 of the footprint) need no mipmaps, as in `views.remapper`.
 MIN_LEVEL = 0.35
-# Spacing of the pixels at which the footprint of a map is computed.
-FOOTPRINT_STEP_PX = 8
 # Pixels of a view that are computed at once without derivatives, which bounds the memory of intermediate results.
 BAND_PIXELS = 131072
 
@@ -92,36 +87,6 @@ def sample(
     in_bands = all(x.device.type == "cpu" and not is_traced(x) and not has_derivative(x) for x in (image, pixels))
     values = (_values_in_bands if in_bands else _values)(atlas, pixels, valid, level)
     return values.reshape(*lead, image.shape[1], *shape)
-
-
-@torch.no_grad()
-def pixel_footprint(source: "Camera", pixels: Tensor) -> Tensor:
-    """Return how many pixels of the source a pixel of a map (..., height, width, 2) spans in its denser direction.
-
-    In a periodic source columns are weighted by the cosine of the latitude, because near a pole many of them have
-    nearly the same direction. 1 where unknown. Computed for every eighth row and column (..., rows, columns).
-    """
-    height, width = pixels.shape[-3:-1]
-    rows, columns = (
-        torch.arange(0, count, FOOTPRINT_STEP_PX, device=pixels.device).clamp(max=max(count - 2, 0))
-        for count in (height, width)
-    )
-    start = pixels[..., rows[:, None], columns, :]
-    scale = torch.ones_like(start[..., 0])
-    if source.period is not None:
-        v = start[..., 1]
-        bearings, _ = source.unproject(torch.stack([torch.full_like(v, source.size[0] / 2), v], -1))
-        scale = torch.hypot(bearings[..., 0], bearings[..., 2])
-    footprint = torch.ones_like(scale)
-    for below, right in ((1, 0), (0, 1)):
-        if (below and height < 2) or (right and width < 2):
-            continue
-        du, dv = (pixels[..., rows[:, None] + below, columns + right, :] - start).unbind(-1)
-        if source.period is not None:
-            du = du - source.period * torch.round(du / source.period)
-        length = torch.hypot(du * scale, dv)
-        footprint = torch.where(length > footprint, length, footprint)  # False for NaN
-    return footprint
 
 
 def _values(atlas: Atlas, pixels: Tensor, valid: Tensor, level: Tensor | None) -> Tensor:
