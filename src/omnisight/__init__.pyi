@@ -79,10 +79,10 @@ from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions
 from omnisight.pipeline.next_view import next_view as next_view
-from omnisight.pipeline.odometry import OdometryResult as OdometryResult
 from omnisight.pipeline.odometry import live_odometry as live_odometry
 from omnisight.pipeline.odometry import odometry as odometry
 from omnisight.pipeline.odometry_options import OdometryOptions as OdometryOptions
+from omnisight.pipeline.odometry_result import OdometryResult as OdometryResult
 from omnisight.pipeline.options import CalibrateOptions as CalibrateOptions
 from omnisight.pipeline.options import DetectOptions as DetectOptions
 from omnisight.pipeline.options import EpipolarOptions as EpipolarOptions
@@ -90,8 +90,8 @@ from omnisight.pipeline.options import EvaluateOptions as EvaluateOptions
 from omnisight.pipeline.options import ReconstructOptions as ReconstructOptions
 from omnisight.pipeline.options import SourceOptions as SourceOptions
 from omnisight.pipeline.options import StereoOptions as StereoOptions
-from omnisight.pipeline.reconstruct import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.reconstruct import reconstruct as reconstruct
+from omnisight.pipeline.reconstruction_result import ReconstructionResult as ReconstructionResult
 from omnisight.pipeline.resect import resect as resect
 from omnisight.pipeline.rig_calibration import RigCalibration as RigCalibration
 from omnisight.pipeline.simulate import SimulatedDataset as SimulatedDataset

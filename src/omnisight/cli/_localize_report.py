@@ -12,7 +12,7 @@ from omnisight.cli._reconstruct_report import weaknesses
 from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
 from omnisight.localization.visual_map import LocalizedImage, VisualMap
-from omnisight.pipeline.reconstruct import ReconstructionResult
+from omnisight.pipeline.reconstruction_result import ReconstructionResult
 
 
 def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None:

@@ -12,7 +12,7 @@ from omnisight.cli._output import is_json
 from omnisight.pipeline.odometry_options import OdometryOptions
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.odometry import OdometryResult
+    from omnisight.pipeline.odometry_result import OdometryResult
 
 GROUP = "Geometry"
 

@@ -1,4 +1,4 @@
-"""The demonstration of structure from motion: reconstruct a rendered walk through a room, beside the truth."""
+"""The demonstration of structure from motion: reconstruct a rendered walk, and compare it with the truth."""
 
 import shutil
 from collections.abc import Callable
@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from omnisight.pipeline.options import ReconstructOptions
-from omnisight.pipeline.reconstruct import ReconstructionResult, reconstruct
+from omnisight.pipeline.reconstruct import reconstruct
+from omnisight.pipeline.reconstruction_result import ReconstructionResult
 from omnisight.pipeline.simulate import SimulateOptions, simulate
 from omnisight.sfm.georeference import least_squares_similarity
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.views import sphere
 
+# Images of the walk, and their width.
 IMAGE_COUNT, IMAGE_WIDTH_PX = 40, 1024
 # Following images that each is matched with.
 WINDOW = 5

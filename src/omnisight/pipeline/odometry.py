@@ -1,10 +1,10 @@
 """Visual odometry of image sequences and clips: the counterpart of `omnisight odometry`."""
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.display import Displayed
 from omnisight.formats import load_rig
 from omnisight.images.mask import read_mask
 from omnisight.images.output_paths import refuse_overwrite
@@ -21,119 +20,18 @@ from omnisight.pipeline.camera_sources import AUTO, AnyCameraSource, CameraSourc
 from omnisight.pipeline.central_camera import camera_of_image
 from omnisight.pipeline.frame_sequence import FrameSequence, SequenceFrame
 from omnisight.pipeline.odometry_options import OdometryOptions
+from omnisight.pipeline.odometry_result import OdometryResult, TrackingSpeed
 from omnisight.pipeline.odometry_scale import ScaledTrajectory, ScaleSources
-from omnisight.pipeline.trajectory_writer import Format, TrajectoryWriter, replace_trajectory, trajectory_format
+from omnisight.pipeline.trajectory_writer import TrajectoryWriter
 from omnisight.rig import Rig
-from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
-from omnisight.visual_odometry.loop_result import Loop, LoopClosure
+from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
-from omnisight.visual_odometry.scale_estimate import ScaleEstimate
-from omnisight.visual_odometry.segments import Segment, trajectory_segments
 
 Progress = Callable[[str, int, int], None]
 Watch = Callable[[Odometry, SequenceFrame], None]
 
 # Frames after which the time per frame is measured: the first ones compile and initialize.
 START_FRAMES = 5
-# Residuals over the noise of tracked patches above which the camera is another one: 1.0 to 1.4 with the true camera of
-# five rendered sequences, 4 with a focal length that is 5 % too long, 6 with a centre that is 20 px off.
-MAX_RESIDUAL = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class OdometryResult(Displayed):
-    """The trajectory of a sequence; false if there is none.
-
-    Attributes
-    ----------
-    trajectory
-        The poses that are known, in the order of time.
-    frames
-        Number of frames.
-    keyframes
-        Number of keyframes.
-    lost
-        Frames without a pose, with reasons.
-    loops
-        The closed loops.
-    rejected_loops
-        Places that look alike, whose poses contradict the trajectory or the other loops.
-    correction
-        Largest displacement of a pose by the loops, in `unit`.
-    unit
-        Unit of positions: "m" or, of a rig that was calibrated with a board of unknown size, "squares"; "baselines" of
-        the first two keyframes if the scale is unknown.
-    residual
-        Median standard deviation of the rays from the points, over that of tracked patches; NaN without any.
-    start_seconds
-        Time until the first frames were processed, with the start of compiled code.
-    fps
-        Frames per second after the start, with reading them.
-    scale
-        Metres per baseline, or why it is unknown; None without any measurement besides the images.
-    other_warnings
-        Scales that contradict each other, segments whose scale is extrapolated, and a clip that ends early.
-    dropped
-        Number of frames of a connected camera that arrived while an earlier one was processed; None for files.
-    """
-
-    trajectory: tuple[TrackedPose, ...] = field(repr=False)
-    frames: int
-    keyframes: int
-    lost: tuple[LostSegment, ...]
-    loops: tuple[Loop, ...] = field(repr=False)
-    rejected_loops: tuple[Loop, ...] = field(repr=False)
-    correction: float
-    unit: str
-    residual: float
-    start_seconds: float
-    fps: float
-    scale: ScaleEstimate | None = None
-    other_warnings: tuple[str, ...] = ()
-    dropped: int | None = None
-
-    def __bool__(self) -> bool:
-        """Return whether there are poses of a camera that moves."""
-        return any(pose.motion == "general" for pose in self.trajectory)
-
-    @cached_property
-    def segments(self) -> tuple[Segment, ...]:
-        """The parts of the trajectory between losses that no known place ended; loops can join their worlds."""
-        return trajectory_segments(self.trajectory, self.lost, self.loops)
-
-    @cached_property
-    def path_length(self) -> float:
-        """Length of the path, in `unit`."""
-        centers = np.array([pose.rig_from_world.inverse().translation for pose in self.trajectory]).reshape(-1, 3)
-        return float(np.linalg.norm(np.diff(centers, axis=0), axis=1).sum())
-
-    @property
-    def has_scale(self) -> bool:
-        """Whether positions are in metres."""
-        return self.unit == "m"
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings that measurements contradict each other, or the images the camera."""
-        unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
-        if not self.residual > MAX_RESIDUAL:
-            return *unknown, *self.other_warnings
-        text = (
-            f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
-            " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
-        )
-        return text, *unknown, *self.other_warnings
-
-    @property
-    def reason(self) -> str:
-        """Why there is no trajectory; empty if there is one."""
-        if self:
-            return ""
-        if self.trajectory:
-            return "the camera only turned, or did not move: no position is known"
-        if self.frames < 2:
-            return "one image shows no motion: specify a clip, or a folder of two or more"
-        return self.lost[0].reason if self.lost else "there are no frames"
 
 
 def odometry(
@@ -234,53 +132,43 @@ def _run(
     start = time.perf_counter()
     known = ScaleSources.of(options, len(sequence.files))
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
-    path = None if output is None else Path(output)
-    with nullcontext() if path is None else TrajectoryWriter.of_path(path, _format(path, options)) as file:
-        frames, started = _track(sequence, tracking, known, file, watch)
-    elapsed = time.perf_counter() - started
+    file = TrajectoryWriter.of_path(Path(os.devnull if output is None else output), options.to)
+    speed = _track(sequence, tracking, known, file, watch, start)
     closed = _close_loops(tracking, options, report)
     scaled = _in_metres(tracking, closed, known)
-    # A pipe or a device holds the poses of tracking.
-    if (options.loops or scaled.scale) and scaled.poses and path is not None and path.is_file():
-        replace_trajectory(path, _format(path, options), scaled.poses, frames)
-    fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
-    return OdometryResult(
-        trajectory=scaled.poses,
-        frames=frames,
-        keyframes=tracking.keyframes,
-        lost=tuple(sorted(tracking.lost, key=lambda segment: segment.first)),
-        loops=scaled.loops(closed.loops),
-        rejected_loops=scaled.loops(closed.rejected),
-        correction=closed.correction * scaled.metres,
-        unit="m" if scaled.scale or tracking.has_scale else "baselines",
-        residual=float(np.median(tracking.residuals)) if tracking.residuals else float("nan"),
-        start_seconds=started - start,
-        fps=fps,
-        scale=scaled.scale,
-        other_warnings=(*scaled.warnings, *sequence.warnings(frames)),
-        dropped=None if sequence.camera is None else sequence.camera.dropped,
-    )
+    if (options.loops or scaled.scale) and scaled.poses:
+        file.replace(scaled.poses, speed.frames)
+    return OdometryResult.of(tracking, closed, scaled, sequence, speed)
 
 
 def _track(
-    sequence: FrameSequence, tracking: Odometry, known: ScaleSources, file: TrajectoryWriter | None, watch: Watch
-) -> tuple[int, float]:
-    """Track the frames of a sequence; return their number, and the time at which the first of them were processed."""
+    sequence: FrameSequence,
+    tracking: Odometry,
+    known: ScaleSources,
+    file: TrajectoryWriter,
+    watch: Watch,
+    start: float,
+) -> TrackingSpeed:
+    """Track the frames of a sequence, and append their poses to a file; return the speed of a run since its start."""
     frames, started = 0, time.perf_counter()
-    # Ctrl-C is the usual end of a connected camera.
-    with nullcontext() if sequence.camera is None else until_interrupted():
-        for frame in sequence:
-            if frame.images:
-                known.observe(tracking.add(frame.images, frame.seconds), tracking)
-            else:
-                tracking.skip(frame.reason)
-            frames += 1
-            _write(file, tracking)
-            watch(tracking, frame)
-            started = time.perf_counter() if frames <= START_FRAMES else started
-    tracking.finish()
-    _write(file, tracking, frames)
-    return frames, started
+    with file:
+        # Ctrl-C is the usual end of a connected camera.
+        with nullcontext() if sequence.camera is None else until_interrupted():
+            for frame in sequence:
+                if frame.images:
+                    known.observe(tracking.add(frame.images, frame.seconds), tracking)
+                else:
+                    tracking.skip(frame.reason)
+                frames += 1
+                file.write(tracking.trajectory[file.poses :])
+                watch(tracking, frame)
+                started = time.perf_counter() if frames <= START_FRAMES else started
+        tracking.finish()
+        file.write(tracking.trajectory[file.poses :])
+        file.skip_to(frames)
+    elapsed = time.perf_counter() - started
+    fps = (frames - START_FRAMES) / elapsed if frames > START_FRAMES else float("nan")
+    return TrackingSpeed(frames, started - start, fps)
 
 
 def _refuse_inputs(output: str | PathLike[str] | None, inputs: Sequence[object], options: OdometryOptions) -> None:
@@ -331,16 +219,3 @@ def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> 
     if closed:
         known.correct(tracking.trajectory, closed.trajectory)
     return known.apply(closed.trajectory, tracking.lost, closed.loops)
-
-
-def _format(path: Path, options: OdometryOptions) -> Format:
-    """Return the format of the trajectory."""
-    return options.to or trajectory_format(path)
-
-
-def _write(file: TrajectoryWriter | None, tracking: Odometry, end: int | None = None) -> None:
-    """Append the poses that are not in the file yet."""
-    if file is not None:
-        file.write(tracking.trajectory[file.poses :])
-        if end is not None:
-            file.skip_to(end)

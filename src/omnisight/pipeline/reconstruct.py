@@ -2,25 +2,24 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.images import unreadable_warnings
 from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.detected_images import DetectedImages, Progress, detect_images
 from omnisight.pipeline.image_set import ImageSet, image_set
 from omnisight.pipeline.metric_world import MetricWorld
 from omnisight.pipeline.options import ReconstructOptions
 from omnisight.pipeline.peak_memory import peak_memory_bytes
+from omnisight.pipeline.reconstruction_result import ReconstructionResult
 from omnisight.pipeline.self_calibration import CONVERGED_RAD, MAX_ROUNDS
 from omnisight.pipeline.stored_stages import match
 from omnisight.pipeline.unregistered_images import unregistered_images
@@ -51,63 +50,6 @@ NEEDS_SCALE = (
 )
 # Mappers of COLMAP by the engine.
 MAPPERS: dict[str, Mapper] = {"colmap": "incremental", "colmap-global": "global"}
-
-
-@dataclass(frozen=True, eq=False)
-class ReconstructionResult(Displayed):
-    """The models of a set of images; false if there is none.
-
-    Attributes
-    ----------
-    models
-        One for each group of images that are connected by common points, the largest first.
-    images
-        Number of images.
-    unregistered
-        Names of the images that are in no model, with the reason.
-    unreadable
-        Names of those of them that cannot be read.
-    seconds
-        Time of the whole computation.
-    peak_memory_bytes
-        Largest memory of the process so far; None if the system does not report it.
-    reason
-        Why there is no model; empty otherwise.
-    simultaneous
-        For a rig, what images that were taken together have in common: "name", "number" or "order".
-    self_calibrated
-        Names of the cameras that were estimated from the images; their covariance is in the rigs of the models.
-    focal_length_changes
-        Focal lengths that the largest model contradicts significantly, by the names of the cameras: these calibrations
-        may belong to other images.
-    georeferences
-        How each model was scaled or brought to known positions; none if there are no measurements in metres.
-    other_warnings
-        Known positions that are not used.
-    """
-
-    models: tuple[Reconstruction, ...]
-    images: int
-    unregistered: dict[str, str] = field(repr=False)
-    unreadable: tuple[str, ...] = field(repr=False)
-    seconds: float
-    peak_memory_bytes: int | None = None
-    reason: str = ""
-    simultaneous: str = ""
-    self_calibrated: tuple[str, ...] = ()
-    focal_length_changes: Mapping[str, FocalLengthChange] = field(default_factory=dict[str, FocalLengthChange])
-    georeferences: tuple[Georeference, ...] = ()
-    other_warnings: tuple[str, ...] = ()
-
-    def __bool__(self) -> bool:
-        """Return whether there is a model."""
-        return bool(self.models)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings that images cannot be read, or known positions are not used."""
-        unreadable = unreadable_warnings([self.unregistered[name] for name in self.unreadable], self.images)
-        return *unreadable, *self.other_warnings
 
 
 def reconstruct(
@@ -161,29 +103,14 @@ def reconstruct(
     world = MetricWorld.of(files, sources, options)
     if sources.ray_cameras and not (world.is_known or sources.has_scale):
         raise ValueError(NEEDS_SCALE)
-    task = _Task(files, sources, options, progress, WorkFolder(None if work is None else Path(work)))
-    detected, graph, maps = task.maps(detect_images(files, sources, options, progress, task.work))
-    changes = _focal_length_changes(maps, detected, task.names)
-    maps, georeferences = world.place(maps)
-    if sources.ray_cameras:
-        maps, georeferences = world.place([task.with_exact_rays(found, detected, graph) for found in maps])
-    models = task.models(maps, detected, world.origin)
-    unregistered = unregistered_images(files, models, detected, graph)
-    unreadable = tuple(files.names[i] for i in detected.unreadable)
-    return ReconstructionResult(
-        models,
-        len(files),
-        unregistered,
-        unreadable,
-        time.perf_counter() - start,
-        peak_memory_bytes(),
-        reason="" if models else next(why for name, why in unregistered.items() if name not in unreadable),
-        simultaneous=files.rule,
-        self_calibrated=tuple(name for name, guessed in zip(task.names, detected.is_guessed, strict=True) if guessed),
-        focal_length_changes=changes,
-        georeferences=georeferences,
-        other_warnings=world.warnings,
+    steps = _ReconstructionSteps(
+        files, sources, options, world, progress, WorkFolder(None if work is None else Path(work)), start
     )
+    detected, graph, maps = steps.maps(detect_images(files, sources, options, progress, steps.work))
+    changes = _focal_length_changes(maps, detected, steps.names)
+    maps, georeferences = steps.place(maps, detected, graph)
+    models = steps.models(maps, detected)
+    return steps.result(models, georeferences, changes, detected, graph)
 
 
 def _focal_length_changes(
@@ -197,14 +124,34 @@ def _focal_length_changes(
 
 
 @dataclass(frozen=True)
-class _Task:
-    """What is computed of which images, with its progress and its work folder."""
+class _ReconstructionSteps:
+    """The steps of the reconstruction of a set of images.
+
+    Attributes
+    ----------
+    files
+        The images.
+    sources
+        Their cameras.
+    options
+        Options of the command.
+    world
+        What determines the metre.
+    progress
+        Called with the stage, the work done and the total.
+    work
+        Folder of keypoints and relative poses.
+    start
+        Time at which the computation started, seconds.
+    """
 
     files: ImageSet
     sources: CameraSources
     options: ReconstructOptions
+    world: MetricWorld
     progress: Progress
     work: WorkFolder
+    start: float
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -269,6 +216,15 @@ class _Task:
             return map_images_with_colmap(images, edges, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
 
+    def place(
+        self, maps: list[Map], detected: DetectedImages, graph: ViewGraph
+    ) -> tuple[list[Map], tuple[Georeference, ...]]:
+        """Bring maps to the known metre, and refine those of non-central cameras, whose rays are known in metres."""
+        maps, georeferences = self.world.place(maps)
+        if not self.sources.ray_cameras:
+            return maps, georeferences
+        return self.world.place([self.with_exact_rays(found, detected, graph) for found in maps])
+
     def with_exact_rays(self, found: Map, detected: DetectedImages, graph: ViewGraph) -> Map:
         """Refine a map with the exact rays of non-central cameras, whose origins are in metres."""
         if not found.has_scale:
@@ -277,9 +233,7 @@ class _Task:
         cameras, keypoints = self.sources.ray_cameras, detected.keypoints
         return refine_with_ray_cameras(found, cameras, keypoints, graph.edges, lambda done: watch(done, done))
 
-    def models(
-        self, maps: Sequence[Map], detected: DetectedImages, origin: tuple[float, float, float] | None
-    ) -> tuple[Reconstruction, ...]:
+    def models(self, maps: Sequence[Map], detected: DetectedImages) -> tuple[Reconstruction, ...]:
         """Return the models of maps with the covariances of their poses."""
         exact = self.sources.ray_cameras or (None,) * len(self.names)
         cameras = tuple(ray or central for ray, central in zip(exact, detected.cameras, strict=True))
@@ -288,10 +242,38 @@ class _Task:
         for found in maps:
             self.progress("covariances", len(models), len(maps))
             models.append(
-                build_reconstruction(found, body, self.files.names, detected.keypoints, detected.colors, origin)
+                build_reconstruction(
+                    found, body, self.files.names, detected.keypoints, detected.colors, self.world.origin
+                )
             )
         self.progress("covariances", len(models), len(maps))
         return tuple(models)
+
+    def result(
+        self,
+        models: tuple[Reconstruction, ...],
+        georeferences: tuple[Georeference, ...],
+        changes: Mapping[str, FocalLengthChange],
+        detected: DetectedImages,
+        graph: ViewGraph,
+    ) -> ReconstructionResult:
+        """Return the models, with the reasons of the images that are in none."""
+        unregistered = unregistered_images(self.files, models, detected, graph)
+        unreadable = tuple(self.files.names[i] for i in detected.unreadable)
+        return ReconstructionResult(
+            models,
+            len(self.files),
+            unregistered,
+            unreadable,
+            time.perf_counter() - self.start,
+            peak_memory_bytes(),
+            reason="" if models else next(why for name, why in unregistered.items() if name not in unreadable),
+            simultaneous=self.files.rule,
+            self_calibrated=tuple(compress(self.names, detected.is_guessed)),
+            focal_length_changes=changes,
+            georeferences=georeferences,
+            other_warnings=self.world.warnings,
+        )
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:
         """Select pairs of images."""

@@ -13,11 +13,6 @@ from omnisight.visual_odometry.frame_result import TrackedPose
 Format = Literal["tum", "kitti"]
 
 
-def trajectory_format(path: Path) -> Format:
-    """Return the format of a file by its name."""
-    return "kitti" if path.suffix.lower() == ".kitti" else "tum"
-
-
 class TrajectoryWriter:
     """Appends poses to a file: an interrupted run keeps those that it has found.
 
@@ -32,18 +27,20 @@ class TrajectoryWriter:
         Number of poses written.
     """
 
-    def __init__(self, create: Callable[[], TextIO], format: Format) -> None:
+    def __init__(self, path: Path, create: Callable[[], TextIO], format: Format) -> None:
         """Prepare a file, which a function opens."""
-        self._format = format
+        self._path = path
+        self._format: Format = format
         self._next = 0
         self.poses = 0
         self._create = create
         self._file: TextIO | None = None
 
     @classmethod
-    def of_path(cls, path: Path, format: Format) -> Self:
-        """Prepare the file of a path."""
-        return cls(lambda: path.open("w", encoding="utf-8", newline="\n"), format)
+    def of_path(cls, path: Path, format: Format | None) -> Self:
+        """Prepare the file of a path; without a format, in that of its name."""
+        by_name = "kitti" if path.suffix.lower() == ".kitti" else "tum"
+        return cls(path, lambda: path.open("w", encoding="utf-8", newline="\n"), format or by_name)
 
     def write(self, poses: Iterable[TrackedPose]) -> None:
         """Append poses, later than all before."""
@@ -69,6 +66,22 @@ class TrajectoryWriter:
             self._file.write((" ".join(["nan"] * 12) + "\n") * (frame - self._next))
         self._next = max(self._next, frame)
 
+    def replace(self, poses: Iterable[TrackedPose], frames: int) -> None:
+        """Replace the file by another trajectory of a number of frames, atomically; a pipe or a device keeps its poses.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written; it is unchanged then.
+        """
+        if not self._path.is_file():
+            return
+        text = StringIO()
+        writer = TrajectoryWriter(self._path, lambda: text, self._format)
+        writer.write(poses)
+        writer.skip_to(frames)
+        write_bytes(self._path, text.getvalue().encode())
+
     def _started(self) -> TextIO:
         """Return the open file, with its header."""
         file = self._create()
@@ -84,18 +97,3 @@ class TrajectoryWriter:
     ) -> None:
         if self._file is not None:
             self._file.close()
-
-
-def replace_trajectory(path: Path, format: Format, poses: Iterable[TrackedPose], frames: int) -> None:
-    """Replace a trajectory file by the poses of another trajectory of a number of frames, atomically.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; it is unchanged then.
-    """
-    text = StringIO()
-    writer = TrajectoryWriter(lambda: text, format)
-    writer.write(poses)
-    writer.skip_to(frames)
-    write_bytes(path, text.getvalue().encode())

@@ -15,13 +15,15 @@ from omnisight.pipeline.camera_sources import AnyCameraSource, CameraSources, Ri
 from omnisight.pipeline.detected_images import Progress, detect_images
 from omnisight.pipeline.image_set import image_set
 from omnisight.pipeline.options import ReconstructOptions
-from omnisight.pipeline.reconstruct import ReconstructionResult, reconstruct
+from omnisight.pipeline.reconstruct import reconstruct
+from omnisight.pipeline.reconstruction_result import ReconstructionResult
 from omnisight.pipeline.work_folder import WorkFolder
 from omnisight.reconstructions import read_reconstruction, write_reconstruction
 
 FILE = "descriptors.npy"
 # Steps of one component of a unit SIFT descriptor: its entries are at most about 0.5, and 8 bits lose 0.1 % of it.
 STEPS = 512.0
+# Longer descriptors are those of a damaged file: SIFT has 128 elements.
 MAX_DESCRIPTOR_LENGTH = 1024
 
 
