@@ -1,29 +1,30 @@
 """Inputs of `omnisight reconstruct` and `omnisight map`."""
 
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
+from omnisight.cli._output import warn
+from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
-if TYPE_CHECKING:
-    from omnisight.pipeline.work_folder import WorkFolder
+Result = TypeVar("Result")
 
 # Sub-folder of the output with what an interrupted run has computed.
 WORK = "work"
 
 
 @contextmanager
-def continuing(work: "WorkFolder") -> Generator[None]:
+def _continuing(work: Path) -> Generator[None]:
     """State after Ctrl-C how to continue."""
     try:
         yield
     except KeyboardInterrupt:
-        if work.folder is not None and work.folder.is_dir():
-            print(f"the same command continues from {work.folder}; delete it to start anew", file=sys.stderr)
+        if work.is_dir():
+            print(f"the same command continues from {work}; delete it to start anew", file=sys.stderr)
         raise
 
 
@@ -37,17 +38,37 @@ def parse_cameras(values: list[str]) -> str | dict[str, str] | None:
     return {name: file for name, _, file in pairs}
 
 
-def folder_of_images(
-    images: Path, output: Path, options: ReconstructOptions, *, has_rig: bool
-) -> tuple[Path, bool, ReconstructOptions]:
-    """Return the folder or file of the images, whether they are extracted from a clip or bag, and the options."""
+def run_on_images(
+    function: Callable[..., Result],
+    images: Path,
+    camera: list[str] | None,
+    rig: Path | None,
+    output: Path,
+    options: ReconstructOptions,
+) -> tuple[Result, Path]:
+    """Call a function of the library with the images of a folder, a clip or a bag, and a work folder in the output.
+
+    Frames of a clip or a bag are written to a folder in the output; by default each is matched with the next ones.
+
+    Returns
+    -------
+    result
+        The result of the function.
+    folder
+        The folder of the images.
+    """
     from omnisight.images.ros_bag import is_bag
-    from omnisight.images.video import is_clip as is_video_clip
+    from omnisight.images.video import is_clip
+    from omnisight.pipeline.clip_frames import extract_frames
 
     has_topic = is_bag(images, options.topic)
-    is_clip = has_topic or is_video_clip(images)
-    if has_topic and has_rig:
+    if has_topic and rig is not None:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")
-    if is_clip and options.pairs == "auto":
-        options = replace(options, pairs="sequential")
-    return (output / "images" if is_clip else images), is_clip, options
+    files, folder, cameras = images, images if images.is_dir() else images.parent, parse_cameras(camera or [])
+    with _continuing(output / WORK), progress() as report:
+        if has_topic or is_clip(images):
+            folder = output / "images"
+            topic, apply_exif = options.topic, options.apply_exif
+            files = extract_frames(images, folder, options.fps, report, topic=topic, apply_exif=apply_exif, warn=warn)
+            options = replace(options, pairs="sequential") if options.pairs == "auto" else options
+        return function(files, cameras, rig, options, report, output / WORK), folder

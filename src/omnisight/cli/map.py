@@ -6,7 +6,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, warn
-from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
 GROUP = "Geometry"
@@ -37,24 +36,16 @@ def map(
         Folder of the map.
     """
     from omnisight.cli._localize_report import print_map, print_map_json
-    from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
-    from omnisight.pipeline.clip_frames import extract_frames
+    from omnisight.cli._reconstruct_inputs import WORK, run_on_images
     from omnisight.pipeline.visual_map import build_map, write_map
     from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.report.viewer import write_viewer
 
-    work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
-    with continuing(work), progress() as report:
-        files = images
-        if is_clip:
-            topic, apply_exif = options.topic, options.apply_exif
-            files = extract_frames(images, folder, options.fps, report, topic=topic, apply_exif=apply_exif, warn=warn)
-        made, result = build_map(files, parse_cameras(camera or []), rig, options, report, work.folder)
+    (made, result), folder = run_on_images(build_map, images, camera, rig, output, options)
     if made is not None:
         write_map(output, made)
-        write_viewer(output / "viewer.html", made.reconstruction, folder if folder.is_dir() else folder.parent)
-    work.remove()
+        write_viewer(output / "viewer.html", made.reconstruction, folder)
+    WorkFolder(output / WORK).remove()
     for warning in result.warnings:
         warn(warning)
     if is_json():

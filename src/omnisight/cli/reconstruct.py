@@ -6,7 +6,6 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, warn
-from omnisight.cli._progress import progress
 from omnisight.pipeline.options import ReconstructOptions
 
 GROUP = "Geometry"
@@ -43,28 +42,20 @@ def reconstruct(
         Folder of the model: poses.csv (world_from_camera), reconstruction.npz, points.ply, viewer.html to look at, and
         COLMAP's text files where COLMAP has the camera.
     """
-    from omnisight.cli._reconstruct_inputs import WORK, continuing, folder_of_images, parse_cameras
+    from omnisight.cli._reconstruct_inputs import WORK, run_on_images
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
-    from omnisight.pipeline.clip_frames import extract_frames
     from omnisight.pipeline.reconstruct import reconstruct as run
     from omnisight.pipeline.work_folder import WorkFolder
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report.viewer import write_viewer
 
-    work = WorkFolder(output / WORK)
-    folder, is_clip, options = folder_of_images(images, output, options, has_rig=rig is not None)
-    with continuing(work), progress() as report:
-        files = images
-        if is_clip:
-            topic, apply_exif = options.topic, options.apply_exif
-            files = extract_frames(images, folder, options.fps, report, topic=topic, apply_exif=apply_exif, warn=warn)
-        result = run(files, parse_cameras(camera or []), rig, options, report, work.folder)
+    result, folder = run_on_images(run, images, camera, rig, output, options)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)
-        write_viewer(model_folder(output, number) / "viewer.html", model, folder if folder.is_dir() else folder.parent)
+        write_viewer(model_folder(output, number) / "viewer.html", model, folder)
     if result:
         remove_models(output, first=len(result.models))
-    work.remove()
+    WorkFolder(output / WORK).remove()
     for warning in result.warnings:
         warn(warning)
     if is_json():
