@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from omnisight.cli._output import write_json
+from omnisight.cli._output import is_json, write_json
 from omnisight.display import file_size
 from omnisight.pipeline.export_map import MapExport
 
@@ -11,8 +11,11 @@ from omnisight.pipeline.export_map import MapExport
 MAX_SCALE = 1.5
 
 
-def print_files(title: str, convention: str, output: Path, files: Sequence[Path]) -> None:
+def print_files(format: str, title: str, convention: str, output: Path, files: Sequence[Path]) -> None:
     """Print the files of a reconstruction."""
+    if is_json():
+        write_json({"format": format, "files": [str(file) for file in files]})
+        return
     print(f"format      {title}")
     print(f"convention  {convention}")
     print(f"written     {output}; files: {len(files)}, {file_size(sum(file.stat().st_size for file in files))}")

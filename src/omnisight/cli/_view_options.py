@@ -42,31 +42,17 @@ class CommonViewOptions(_ViewOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatedViewOptions:
-    """Options that are specified once for all views of a command, or once for each.
-
-    Attributes
-    ----------
-    to
-        Type of the view: perspective by default, and a cylinder for a mirror camera, which is blind along its axis.
-    fov
-        Field of view, degrees: horizontal for perspective (90), panini (150) and planet (260), diameter for fisheye
-        (180).
-    yaw
-        View direction, positive right.
-    pitch
-        View direction, positive up; 0 by default, and -90 for a planet.
-    roll
-        Rotation about the view direction, positive clockwise.
-    size
-        WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.
-    """
+    # Options that are specified once for all views of a command, or once for each, as `ViewOptions` describes them.
+    __doc__ = ViewOptions.__doc__
 
     to: list[ViewType] | None = None
     fov: list[float] | None = None
     yaw: list[float] | None = None
     pitch: list[float] | None = None
     roll: list[float] | None = None
-    size: list[str] | None = None
+    size: Annotated[
+        list[str] | None, Parameter(help="WIDTHxHEIGHT, px; cylinder, mercator and sphere use only the width.")
+    ] = None
 
     def of_outputs(self, outputs: Sequence[str], common: CommonViewOptions) -> list[tuple[str, ViewOptions]]:
         """Return the file and the options of each view.

@@ -1,15 +1,18 @@
 """omnisight export."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from omnisight.cli._output import is_json, write_json
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.cli._text_options import parse_size, text_parameter
 from omnisight.cli._view_options import ExportedViewOptions
 from omnisight.pipeline.batch.batch_options import BatchOptions
+
+if TYPE_CHECKING:
+    from omnisight.reconstructions import ExportOptions
 
 GROUP = "Views"
 
@@ -46,76 +49,60 @@ def export(
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
     """
-    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
-    from omnisight.extensions import unknown_name
-    from omnisight.map_formats import format_of_program, map_format_names
-    from omnisight.reconstructions import reconstruction_format_names
+    from omnisight.pipeline.export_kind import export_kind
+    from omnisight.reconstructions import ExportOptions
 
-    views, models = map_format_names(), (*reconstruction_format_names(), "viewer")
-    if to not in (*views, *models):
-        if reads := format_of_program(to):
-            raise ValueError(f"--to {to}: this program reads {reads}; use --to {reads}")
-        raise ValueError(unknown_name("format", to, (*views, *models)))
-    if to in models:
-        if source.is_file() and source.suffix != ".npz":
-            raise ValueError(
-                f"{source}: is a file, and {to} is a format of reconstructions: specify the folder of one, or a format"
-                f" of views: {', '.join(views)}"
-            )
-        width = view.size[0] if view.size else None
-        if batch.apply_to(images or "", output):
-            if to != "splat" or images is None:
-                raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
-            from omnisight.pipeline.batch.batch import Batch
-            from omnisight.pipeline.export_batch import export_batch
+    kind, width = export_kind(source, to), view.size[0] if view.size else None
+    if kind == "view":
+        _export_view(source, to, Path(output), view, image_size)
+    elif batch.apply_to(images or "", output):
+        if to != "splat" or images is None:
+            raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
+        _export_batch(source, images, output, batch, width)
+    else:
+        folder = Path(images) if images else None
+        if kind == "viewer":
+            _export_viewer(source, Path(output), folder)
+        else:
+            _export_reconstruction(source, Path(output), ExportOptions(to, folder, width))
 
-            with progress() as report:
-                result = export_batch(source, images, Batch(output, batch, report), width)
-            (print_batch_json if is_json() else print_batch)(result, output)
-            check_batch(result)
-            return
-        _export_reconstruction(source, to, Path(output), Path(images) if images else None, width)
-        return
-    if source.is_dir():
-        raise ValueError(
-            f"{source}: is a folder, and {to} is a format of views: specify a camera file, or a format of"
-            f" reconstructions: {', '.join(models)}"
-        )
-    from omnisight.pipeline.export_map import export_map
-    from omnisight.pipeline.view_options import ViewOptions
 
-    result = export_map(source, Path(output), to, ViewOptions(**vars(view)), image_size=image_size)
+def _export_view(
+    camera: Path, to: str, output: Path, view: ExportedViewOptions, image_size: tuple[int, int] | None
+) -> None:
+    """Write the remap table of a view, and print its use."""
     from omnisight.cli._export_report import print_map, print_map_json
+    from omnisight.pipeline.export_map import export_map
 
+    result = export_map(camera, output, to, view, image_size=image_size)
     (print_map_json if is_json() else print_map)(result)
 
 
-def _export_reconstruction(model: Path, to: str, output: Path, images: Path | None, size: int | None) -> None:
-    """Write a reconstruction and print the files."""
+def _export_batch(model: Path, images: str, output: str, batch: BatchOptions, width: int | None) -> None:
+    """Write the views of a reconstruction by workers, and print the result."""
+    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
+    from omnisight.pipeline.batch.batch import Batch
+    from omnisight.pipeline.export_batch import export_batch
+
+    with progress() as report:
+        result = export_batch(model, images, Batch(output, batch, report), width)
+    (print_batch_json if is_json() else print_batch)(result, output)
+    check_batch(result)
+
+
+def _export_viewer(model: Path, output: Path, images: Path | None) -> None:
+    """Write the viewer of a reconstruction, and print the file."""
+    from omnisight.cli._export_report import print_files
+    from omnisight.report.viewer import export_viewer
+
+    print_files("viewer", "HTML viewer", "open it in a browser", output, [export_viewer(model, output, images)])
+
+
+def _export_reconstruction(model: Path, output: Path, options: "ExportOptions") -> None:
+    """Write a reconstruction, and print the files."""
     from omnisight.cli._export_report import print_files
     from omnisight.pipeline.export import export as run
-    from omnisight.reconstructions import ExportOptions, get_reconstruction_format
+    from omnisight.reconstructions import get_reconstruction_format
 
-    if to == "viewer":
-        files, title, convention = _write_viewer(model, output, images), "HTML viewer", "open it in a browser"
-    else:
-        chosen = get_reconstruction_format(to)
-        title, convention = chosen.TITLE, chosen.CONVENTION
-        files = run(model, output, ExportOptions(to, images, size))
-    if is_json():
-        write_json({"format": to, "files": [str(file) for file in files]})
-        return
-    print_files(title, convention, output, files)
-
-
-def _write_viewer(model: Path, output: Path, images: Path | None) -> tuple[Path, ...]:
-    """Write viewer.html in the output folder."""
-    from omnisight.reconstructions import read_reconstruction
-    from omnisight.report.viewer import write_viewer
-
-    if images is not None and not images.is_dir():
-        raise ValueError(f"{images}: no such folder; specify the folder that was reconstructed with --images")
-    reconstruction = read_reconstruction(model)
-    output.mkdir(parents=True, exist_ok=True)
-    write_viewer(output / "viewer.html", reconstruction, images)
-    return (output / "viewer.html",)
+    chosen = get_reconstruction_format(options.format)
+    print_files(options.format, chosen.TITLE, chosen.CONVENTION, output, run(model, output, options))

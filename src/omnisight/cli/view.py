@@ -9,6 +9,7 @@ from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.cli._view_options import CommonViewOptions, RepeatedViewOptions, ViewMotionOptions
 from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.view_options import ViewOptions
 from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
@@ -55,50 +56,38 @@ def view(
     view_camera
         Write the camera of the view; its provenance has the rotation.
     """
-    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.cli._view_report import print_json, print_report
-    from omnisight.images import VIDEO_SUFFIXES
     from omnisight.pipeline.view import skipped_message
-    from omnisight.pipeline.view import view as view_images
+    from omnisight.pipeline.view_files import view_files
 
     views = each.of_outputs(output, common)
     if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
             raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
-        if camera is None:
-            raise ValueError("--workers, --cluster and URLs need a calibration file (--camera)")
-        from omnisight.pipeline.batch.batch import Batch
-        from omnisight.pipeline.view_batch import view_batch
-
-        with progress() as report:
-            result = view_batch(images[0], camera, Batch(output[0], batch, report), views[0][1])
-        (print_batch_json if is_json() else print_batch)(result, output[0])
-        check_batch(result)
+        _view_batch(images[0], camera, *views[0], batch)
         return
-    clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
-    if clips and len(images) > 1:
-        raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
-    if (mask or view_camera) and (clips or len(views) > 1):
-        raise ValueError("--mask and --view-camera apply to one view of images")
-    if not clips and motion.moves:
-        raise ValueError("--path, --pan and --stabilize apply to a clip")
     with progress() as report:
-        if clips:
-            from omnisight.pipeline.view_clip import view_clip
-
-            files = [(Path(file), options) for file, options in views]
-            done = view_clip(clips[0], camera, files, motion=motion, video=video, progress=report)
-            results, written = done.views, done
-        else:
-            results = tuple(
-                view_images(images, camera, Path(file), options, mask=mask, view_camera=view_camera, progress=report)
-                for file, options in views
-            )
-            written = None
+        results, clip = view_files(
+            images, camera, views, mask=mask, view_camera=view_camera, motion=motion, video=video, progress=report
+        )
     if is_json():
-        print_json(results, written)
+        print_json(results, clip)
     else:
-        print_report(results, output, written, is_up_given=common.up is not None)
+        print_report(results, output, clip, is_up_given=common.up is not None)
     errors = results[0].errors
     if errors:
         raise ValueError(skipped_message(errors, len(results[0].files) + len(errors)))
+
+
+def _view_batch(images: str, camera: Path | None, output: str, options: ViewOptions, batch: BatchOptions) -> None:
+    """Render the views by workers, and print the result."""
+    from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
+    from omnisight.pipeline.batch.batch import Batch
+    from omnisight.pipeline.view_batch import view_batch
+
+    if camera is None:
+        raise ValueError("--workers, --cluster and URLs need a calibration file (--camera)")
+    with progress() as report:
+        result = view_batch(images, camera, Batch(output, batch, report), options)
+    (print_batch_json if is_json() else print_batch)(result, output)
+    check_batch(result)

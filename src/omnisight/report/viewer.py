@@ -4,6 +4,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
+from omnisight.reconstructions import read_reconstruction
 from omnisight.report.html import Markup, element, write_html
 from omnisight.report.security_policy import security_policy
 from omnisight.report.viewer_data import viewer_data
@@ -42,6 +43,24 @@ def write_viewer(path: str | Path, reconstruction: Reconstruction, images: str |
     """
     text = render_viewer(reconstruction, None if images is None else Path(images))
     write_html(path, text)
+
+
+def export_viewer(model: str | Path, output: str | Path, images: Path | None) -> Path:
+    """Write viewer.html of the reconstruction of a folder to another folder, which is created, and return the file.
+
+    Raises
+    ------
+    ValueError
+        If the folder has no reconstruction, or there is no folder of the images.
+    OSError
+        If the file cannot be written.
+    """
+    if images is not None and not images.is_dir():
+        raise ValueError(f"{images}: no such folder; specify the folder that was reconstructed with --images")
+    reconstruction, path = read_reconstruction(model), Path(output) / "viewer.html"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_viewer(path, reconstruction, images)
+    return path
 
 
 def render_viewer(reconstruction: Reconstruction, images: Path | None) -> str:
