@@ -1,4 +1,4 @@
-"""The table of the README: accuracy and speed beside the peers, from the tables of results in docs/.
+"""The table of the README: accuracy and speed compared with other libraries, from the tables of results in docs/.
 
 `python -m benchmarks summary` prints it; a test checks that the README contains it.
 """
