@@ -23,10 +23,11 @@ from omnisight.sfm.head_problem import (
     K1_SIGMA,
     K2_SIGMA,
     LENS_PARAMETERS,
+    OVERLAP_PARAMETERS,
+    HeadMotion,
     HeadProblem,
     LensField,
     lens_bearings,
-    shifted,
 )
 from omnisight.sfm.head_result import FrameAgreement, HeadCalibration
 from omnisight.twoview.bearing_pairs import BearingPairs
@@ -44,8 +45,17 @@ TOLERANCE_RAD = float(np.radians(2.0))
 MIN_OVERLAP_MATCHES = 16
 # Matches between frames used for each pair of frames and lens: more do not change the result.
 MAX_FRAME_MATCHES = 400
-# Scale of the Cauchy loss, in standard deviations: its efficiency with normal errors is above 0.95.
-CAUCHY_SIGMA = 3.0
+# Matches between frames that determine a motion, and their median displacement; with less, the head is at rest.
+MIN_MOTION_MATCHES, MIN_MOTION_RAD = 50, float(np.radians(0.5))
+# Standard deviation of bearings that is assumed to estimate a motion, and those of the residuals at the start.
+BEARING_SIGMA_RAD, OVERLAP_SIGMA_RAD, MOTION_SIGMA_RAD = float(np.radians(0.1)), TOLERANCE_RAD / 3, 3e-3
+# Typical changes of the parameters of a lens (`LENS_PARAMETERS`), and of angles, radians; and steps of differences
+# relative to them.
+LENS_SCALES, ANGLE_SCALE, DIFFERENCE_STEP = (0.05, 0.03, 0.006, 3.0, 3.0), 0.02, 1e-4
+# Rounds of the reweighted rotation.
+ROUNDS = 20
+# Covariance of a calibration that failed.
+UNKNOWN = np.full((OVERLAP_PARAMETERS, OVERLAP_PARAMETERS), np.nan)
 
 
 def calibrate_head(
@@ -82,24 +92,26 @@ def calibrate_head(
             f"only {int(inliers.sum())} of {len(overlap)} matches at the rims agree with a rotation, at least"
             f" {MIN_OVERLAP_MATCHES} are needed"
         )
-        return HeadCalibration(cameras, rotation, np.full((13, 13), np.nan), int(inliers.sum()), np.nan, (), reason)
+        return HeadCalibration(
+            cameras, rotation, np.full((OVERLAP_PARAMETERS,) * 2, np.nan), int(inliers.sum()), np.nan, (), reason
+        )
     overlap = overlap.select(inliers)
     motions = _motions(keypoints, cameras, rotation)
     sigmas = (fields[0].center_sigma, fields[1].center_sigma)
-    problem = HeadProblem(cameras, sigmas, rotation, overlap, motions, TOLERANCE_RAD / 3, 3e-3)
-    return _solved(problem, len(images))
+    problem = HeadProblem(cameras, sigmas, rotation, overlap, motions, OVERLAP_SIGMA_RAD, MOTION_SIGMA_RAD)
+    return _solve(problem, len(images))
 
 
-def _solved(problem: HeadProblem, frames: int) -> HeadCalibration:
+def _solve(problem: HeadProblem, frames: int) -> HeadCalibration:
     """Minimize in two rounds, the second with the residuals' own scale, and compare with single frames."""
     x = _minimize(problem, np.zeros(problem.size))
     problem = _rescaled(problem, x)
     x = _minimize(problem, x)
-    covariance = _covariance(problem, x)[:13, :13]
+    covariance = _covariance(problem, x)[:OVERLAP_PARAMETERS, :OVERLAP_PARAMETERS]
     agreement = _single_frames(problem, x, covariance) if frames > 1 else ()
     sigma_deg = float(np.degrees(problem.sigma))
     return HeadCalibration(
-        problem.cameras(x), problem.turned(x), covariance, len(problem.overlap), sigma_deg, agreement
+        problem.cameras(x), problem.rotation_at(x), covariance, len(problem.overlap), sigma_deg, agreement
     )
 
 
@@ -110,24 +122,14 @@ def _minimize(problem: HeadProblem, x: Array) -> Array:
 
 
 def _scales(problem: HeadProblem) -> Array:
-    lens = np.array([0.05, 0.03, 0.006, 3.0, 3.0])
-    return np.concatenate([lens, lens, np.full(problem.size - 10, 0.02)])
+    """Return the typical changes of the parameters."""
+    return np.array([*LENS_SCALES, *LENS_SCALES, *[ANGLE_SCALE] * (problem.size - 2 * LENS_PARAMETERS)])
 
 
 def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
     """Return the problem with the standard deviations of its residuals."""
-    cameras, rotation = problem.cameras(x), problem.turned(x)
     sigma = robust_sigma(problem.distances(x))
-    values = [
-        problem.epipolar(
-            so3.exp(x[13 + 5 * k : 16 + 5 * k]) @ turn,
-            shifted(shift, x[16 + 5 * k : 18 + 5 * k]),
-            lenses,
-            cameras,
-            rotation,
-        )
-        for k, (turn, shift, lenses) in enumerate(problem.motions)
-    ]
+    values = problem.epipolar_residuals(x)
     scale = float(np.median(np.abs(np.concatenate(values)))) / NORMAL_MEDIAN if values else 1.0
     return dataclasses.replace(problem, sigma=max(sigma, 1e-4), motion_sigma=max(problem.motion_sigma * scale, 1e-4))
 
@@ -135,12 +137,12 @@ def _rescaled(problem: HeadProblem, x: Array) -> HeadProblem:
 def _covariance(problem: HeadProblem, x: Array) -> Array:
     """Return the covariance at the solution, with the correlation of its residuals (sandwich estimator).
 
-    The overlap of a head at rest does not determine the profile of the lenses, only the radius of 90 degrees: what its
-    matches seem to determine of the profile is mostly parallax, so that the focal lengths from single frames of a real
-    head differed by four standard deviations. Without motions, the variance of the prior is therefore added along the
-    changes of the profile, of both lenses alike, that keep this radius.
+    The overlap of a head at rest does not determine the profile of the lenses, only the radius of 90 degrees: parallax
+    changes its matches like another profile, and the focal lengths from single frames of a real head differed by four
+    standard deviations. Without motions, the variance of the prior is therefore added along the changes of the profile
+    that keep this radius and are the same for both lenses.
     """
-    scales, base = _scales(problem) * 1e-4, problem.residuals(x)
+    scales, base = _scales(problem) * DIFFERENCE_STEP, problem.residuals(x)
     jacobian = np.stack([(problem.residuals(x + step) - base) / step.sum() for step in np.diag(scales)], -1)
     inverse = np.asarray(np.linalg.inv(jacobian.T @ jacobian), float)
     correlated = jacobian * problem.correlations()[:, None]
@@ -159,7 +161,7 @@ def _covariance(problem: HeadProblem, x: Array) -> Array:
 
 def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
     """Estimate rotation and focal lengths from the overlap of each frame alone."""
-    joint = problem.turned(x)
+    joint, rotation = problem.rotation_at(x), slice(2 * LENS_PARAMETERS, None)
     rim = _rim_sum(problem, problem.cameras(x))
     found: list[FrameAgreement] = []
     for frame in np.unique(problem.overlap.frame):
@@ -167,10 +169,10 @@ def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[F
         if rows.sum() < MIN_OVERLAP_MATCHES:
             continue
         alone = dataclasses.replace(problem, overlap=problem.overlap.select(rows), motions=[])
-        y = _minimize(alone, x[:13])
+        y = _minimize(alone, x[:OVERLAP_PARAMETERS])
         own = _covariance(alone, y)
-        angle = np.degrees(np.linalg.norm(so3.log(alone.turned(y) @ joint.T)))
-        rotation_sigma = np.degrees(np.sqrt(np.trace(own[10:, 10:] + covariance[10:, 10:])))
+        angle = np.degrees(np.linalg.norm(so3.log(alone.rotation_at(y) @ joint.T)))
+        rotation_sigma = np.degrees(np.sqrt(np.trace((own + covariance)[rotation, rotation])))
         gradient = _rim_gradient(alone, y)
         rim_sigma = np.degrees(np.sqrt(gradient @ own @ gradient + gradient @ covariance @ gradient))
         difference = np.degrees(_rim_sum(alone, alone.cameras(y)) - rim)
@@ -194,15 +196,16 @@ def _rim_sum(problem: HeadProblem, cameras: Sequence[Camera]) -> float:
 
 
 def _rim_gradient(problem: HeadProblem, x: Array) -> Array:
-    scales, base = _scales(problem)[:13] * 1e-4, _rim_sum(problem, problem.cameras(x))
+    """Return the derivatives of the sum of angles at the rim by the parameters of the overlap."""
+    scales, base = _scales(problem)[:OVERLAP_PARAMETERS] * DIFFERENCE_STEP, _rim_sum(problem, problem.cameras(x))
     return np.array([(_rim_sum(problem, problem.cameras(x + step)) - base) / step.sum() for step in np.diag(scales)])
 
 
 def _motions(
     keypoints: Sequence[Sequence[Keypoints]], cameras: tuple[Camera, Camera], rotation: Array
-) -> list[tuple[Array, Array, list[tuple[Array, Array]]]]:
-    """Return rotation, direction and inliers (pixels of each lens) of the motion of the head between frames."""
-    motions: list[tuple[Array, Array, list[tuple[Array, Array]]]] = []
+) -> list[HeadMotion]:
+    """Return the motions of the head between frames, with their inliers."""
+    motions: list[HeadMotion] = []
     for _, _, lenses in match_frames(keypoints):
         to_first = (np.eye(3), rotation)
         before, after = (
@@ -211,36 +214,39 @@ def _motions(
             )
             for k in range(2)
         )
-        if len(before) < 50 or np.median(np.linalg.norm(before - after, axis=1)) < np.radians(0.5):
+        displacement = np.linalg.norm(before - after, axis=1)
+        if len(before) < MIN_MOTION_MATCHES or np.median(displacement) < MIN_MOTION_RAD:
             continue
-        assumed = np.broadcast_to(np.eye(3) * np.radians(0.1) ** 2, (len(before), 3, 3))
+        assumed = np.broadcast_to(np.eye(3) * BEARING_SIGMA_RAD**2, (len(before), 3, 3))
         pose = estimate_relative_pose(BearingPairs.of(before, after, assumed, assumed, None))
-        if pose.b_from_a is None or pose.inliers.sum() < 50:
+        if pose.b_from_a is None or pose.inliers.sum() < MIN_MOTION_MATCHES:
             continue
         split = np.split(pose.inliers, [len(lenses[0][0])])
         kept = [
             (a[rows][:MAX_FRAME_MATCHES], b[rows][:MAX_FRAME_MATCHES])
             for (a, b), rows in zip(lenses, split, strict=True)
         ]
-        motions.append((pose.b_from_a.rotation, pose.b_from_a.translation, kept))
+        motions.append(HeadMotion(pose.b_from_a.rotation, pose.b_from_a.translation, kept))
     return motions
 
 
 def _rotation_of(
     cameras: Sequence[Camera], overlap: OverlapMatches, rng: np.random.Generator
 ) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the rotation from the first lens to the second, and its inliers (N,)."""
     a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
     return best_rotation(a, b, TOLERANCE_RAD, rng)
 
 
 def _guess(lens: LensField, degrees: float) -> Camera:
-    """Return the lens of a field of view whose profile is that of the prior."""
+    """Return the lens of a field of view, degrees, whose profile is that of the prior."""
     rim, (cx, cy) = np.radians(degrees / 2), lens.circle.centre
     focal = float(lens.circle.radius / (rim * (1 + K1_MEAN * rim**2)))
     return Camera(KannalaBrandt(focal, focal, cx, cy, K1_MEAN, 0.0, 0.0, 0.0), lens.field.size)
 
 
 def _at_rim(keypoints: Keypoints, lens: LensField) -> Keypoints:
+    """Return the keypoints that both lenses may see."""
     distance = np.linalg.norm(keypoints.pixels - lens.circle.centre, axis=1)
     return keypoints[distance > RIM_SHARE * lens.circle.radius]
 
@@ -266,24 +272,24 @@ def estimate_head_rotation(
 def fit_head_rotation(cameras: tuple[Camera, Camera], overlap: OverlapMatches) -> HeadCalibration:
     """Estimate the relative rotation of two calibrated lenses from matches of simultaneous images."""
     rotation, inliers = _rotation_of(cameras, overlap, np.random.default_rng(0))
-    count, unknown = int(inliers.sum()), np.full((13, 13), np.nan)
+    count = int(inliers.sum())
     if count < MIN_OVERLAP_MATCHES:
         reason = (
             f"only {count} of {len(overlap)} matches agree with a rotation, at least {MIN_OVERLAP_MATCHES} are needed"
         )
-        return HeadCalibration(cameras, rotation, unknown, count, np.nan, (), reason)
+        return HeadCalibration(cameras, rotation, UNKNOWN, count, np.nan, (), reason)
     overlap = overlap.select(inliers)
     a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
     rotation, sigma, weight = _reweighted_rotation(a, b, rotation)
-    covariance = np.zeros((13, 13))
-    covariance[10:, 10:] = _rotation_covariance(a @ rotation.T, b, weight, sigma) * overlap.correlation
+    covariance, at = np.zeros((OVERLAP_PARAMETERS,) * 2), slice(2 * LENS_PARAMETERS, None)
+    covariance[at, at] = _rotation_covariance(a @ rotation.T, b, weight, sigma) * overlap.correlation
     return HeadCalibration(cameras, rotation, covariance, count, float(np.degrees(sigma)))
 
 
 def _reweighted_rotation(a: Array, b: Array, rotation: Array) -> tuple[Array, float, Array]:
     """Return the rotation of bearings a to b (N, 3) with Cauchy weights, their standard deviation and weights (N,)."""
     sigma, weight = 0.0, np.ones(len(a))
-    for _ in range(20):
+    for _ in range(ROUNDS):
         distance = np.linalg.norm(a @ rotation.T - b, axis=1)
         sigma = max(robust_sigma(distance), 1e-4)
         weight = 1 / (1 + (distance / (CAUCHY_SIGMA * sigma)) ** 2)

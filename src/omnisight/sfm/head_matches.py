@@ -46,7 +46,7 @@ class OverlapMatches:
 
     @property
     def correlation(self) -> float:
-        """Number of matches for each independent one, by which variances are larger than of independent matches."""
+        """Number of matches for each independent one: the factor of variances computed as for independent matches."""
         return max(1.0, len(self) / (INDEPENDENT_MATCHES * len(np.unique(self.frame))))
 
     def select(self, rows: Any) -> "OverlapMatches":

@@ -2,7 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 
 # Prior of the profile: between equisolid (k1 = -0.042) and equidistant; standard deviations of k1 and k2.
 K1_MEAN, K1_SIGMA, K2_SIGMA = -0.02, 0.03, 0.006
+# Prior of the logarithm of the focal length: weak.
+FOCAL_SIGMA = 1.0
 # Both lenses are of one design: standard deviations of the differences of logarithm of focal length, k1 and k2.
 SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius: 0.003 of
@@ -24,6 +26,30 @@ SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
 CENTER_SIGMA, IMAGE_CENTER_SIGMA = 0.006, 0.018
 # Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
 LENS_PARAMETERS = 5
+# Parameters that the overlap determines: both lenses, and a rotation vector.
+OVERLAP_PARAMETERS = 2 * LENS_PARAMETERS + 3
+# Parameters of a motion: a rotation vector, and a step of the direction in its tangent plane.
+MOTION_PARAMETERS = 5
+# Scale of the Cauchy loss, in standard deviations: its efficiency with normal errors is above 0.95.
+CAUCHY_SIGMA = 3.0
+# Least sine of the angle between a bearing and the direction of a motion: below, its epipolar plane is uncertain.
+MIN_SINE = 0.05
+
+
+class HeadMotion(NamedTuple):
+    """The motion of a head between two frames, in the frame of its first lens.
+
+    Attributes
+    ----------
+    rotation, direction
+        Rotation (3, 3), and unit vector (3,) of the translation.
+    matches
+        Pixels (N, 2) before and after, for each lens.
+    """
+
+    rotation: Array
+    direction: Array
+    matches: list[tuple[Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -57,80 +83,99 @@ class LensField:
 
 @dataclass(frozen=True, eq=False)
 class HeadProblem:
-    """Least squares over both lenses, the rotation, and the motions between frames."""
+    """Least squares over both lenses, the rotation, and the motions between frames.
+
+    The parameters x are steps from the start: both lenses, the rotation, and each motion.
+
+    Attributes
+    ----------
+    start
+        The lenses at x = 0.
+    center_sigma
+        Standard deviations of both principal points about the centres of the image circles, px.
+    rotation
+        Rotation (3, 3) from the first lens to the second at x = 0.
+    overlap
+        Simultaneous matches between the lenses.
+    motions
+        Motions between frames.
+    sigma, motion_sigma
+        Standard deviations of the residuals of the overlap and of the motions, radians.
+    """
 
     start: tuple[Camera, Camera]
     center_sigma: tuple[float, float]
     rotation: Array
     overlap: OverlapMatches
-    motions: list[tuple[Array, Array, list[tuple[Array, Array]]]]
+    motions: list[HeadMotion]
     sigma: float
     motion_sigma: float
 
     @property
     def size(self) -> int:
-        return 2 * LENS_PARAMETERS + 3 + 5 * len(self.motions)
+        """Number of parameters."""
+        return OVERLAP_PARAMETERS + MOTION_PARAMETERS * len(self.motions)
 
     def cameras(self, x: Array) -> tuple[Camera, Camera]:
-        return moved_lens(self.start[0], x[:5]), moved_lens(self.start[1], x[5:10])
+        """Return the lenses at x."""
+        first, second = x[:LENS_PARAMETERS], x[LENS_PARAMETERS : 2 * LENS_PARAMETERS]
+        return moved_lens(self.start[0], first), moved_lens(self.start[1], second)
 
-    def turned(self, x: Array) -> Array:
-        return so3.exp(x[10:13]) @ self.rotation
+    def rotation_at(self, x: Array) -> Array:
+        """Return the rotation (3, 3) from the first lens to the second at x."""
+        return so3.exp(x[2 * LENS_PARAMETERS : OVERLAP_PARAMETERS]) @ self.rotation
 
     def residuals(self, x: Array) -> Array:
         """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
-        cameras, rotation = self.cameras(x), self.turned(x)
+        cameras, rotation = self.cameras(x), self.rotation_at(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
-        parts = [np.where(_both_seen(a, b)[:, None], (a @ rotation.T - b) / self.sigma, np.inf).ravel()]
-        for k, (turn, shift, lenses) in enumerate(self.motions):
-            step = x[13 + 5 * k : 18 + 5 * k]
-            parts.append(self.epipolar(so3.exp(step[:3]) @ turn, shifted(shift, step[3:]), lenses, cameras, rotation))
-        robust = np.arctan(np.concatenate(parts) / 3) * 3
+        seen = _both_seen(a, b)[:, None]
+        parts = [np.where(seen, (a @ rotation.T - b) / self.sigma, np.inf).ravel(), *self.epipolar_residuals(x)]
+        robust = np.arctan(np.concatenate(parts) / CAUCHY_SIGMA) * CAUCHY_SIGMA
         robust[: 3 * len(a)] /= np.sqrt(self.overlap.correlation)
         return np.concatenate([robust, self._priors(x)])
 
     def distances(self, x: Array) -> Array:
         """Return the angles (N,) between the matches of the overlap after the rotation, infinite outside the domain."""
-        cameras, rotation = self.cameras(x), self.turned(x)
+        cameras, rotation = self.cameras(x), self.rotation_at(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
         return np.where(_both_seen(a, b), np.linalg.norm(a @ rotation.T - b, axis=1), np.inf)
 
     def correlations(self) -> Array:
-        """Return by how much the error of each residual weighs more than that of an independent one.
+        """Return the factor of the error of each residual over that of an independent one.
 
         Motions have their full weight in the estimate: with less, the prior pulls the profile from where the epipolar
         constraint holds best. The overlap has the weight of its independent matches already.
         """
-        matches = [sum(len(before) for before, _ in lenses) for _, _, lenses in self.motions]
+        matches = [sum(len(before) for before, _ in motion.matches) for motion in self.motions]
         of_motions = [np.full(n, np.sqrt(max(1.0, n / INDEPENDENT_MATCHES))) for n in matches]
         priors = len(self._priors(np.zeros(self.size)))
         return np.concatenate([np.ones(3 * len(self.overlap)), *of_motions, np.ones(priors)])
 
-    def epipolar(
-        self,
-        turn: Array,
-        shift: Array,
-        lenses: list[tuple[Array, Array]],
-        cameras: tuple[Camera, Camera],
-        rotation: Array,
-    ) -> Array:
-        """Return the angles between bearings and epipolar planes of the whole sphere."""
-        angles: list[Array] = []
-        for camera, (before, after), to_first in zip(cameras, lenses, (np.eye(3), rotation), strict=True):
-            a, b = lens_bearings(camera, before) @ to_first, lens_bearings(camera, after) @ to_first
-            normals = np.cross(shift, a @ turn.T)
-            length = np.maximum(np.linalg.norm(normals, axis=1), 0.05)
-            angle = (normals * b).sum(1) / length / self.motion_sigma
-            angles.append(np.where(_both_seen(a, b), angle, np.inf))
-        return np.concatenate(angles)
+    def epipolar_residuals(self, x: Array) -> list[Array]:
+        """Return the angles between bearings and epipolar planes of each motion, in standard deviations."""
+        cameras, rotations = self.cameras(x), (np.eye(3), self.rotation_at(x))
+        residuals: list[Array] = []
+        for motion, step in zip(self.motions, x[OVERLAP_PARAMETERS:].reshape(-1, MOTION_PARAMETERS), strict=True):
+            turn, direction = so3.exp(step[:3]) @ motion.rotation, moved_direction(motion.direction, step[3:])
+            angles: list[Array] = []
+            for camera, (before, after), rotation in zip(cameras, motion.matches, rotations, strict=True):
+                a, b = lens_bearings(camera, before) @ rotation, lens_bearings(camera, after) @ rotation
+                normals = np.cross(direction, a @ turn.T)
+                length = np.maximum(np.linalg.norm(normals, axis=1), MIN_SINE)
+                angle = (normals * b).sum(1) / length / self.motion_sigma
+                angles.append(np.where(_both_seen(a, b), angle, np.inf))
+            residuals.append(np.concatenate(angles))
+        return residuals
 
     def _priors(self, x: Array) -> Array:
+        """Return the residuals of the priors of both lenses, in standard deviations."""
         parts: list[float] = []
         for lens, sigma in enumerate(self.center_sigma):
-            log_f, k1, k2, cx, cy = x[5 * lens : 5 * lens + 5]
+            log_f, k1, k2, cx, cy = x[LENS_PARAMETERS * lens :][:LENS_PARAMETERS]
             model: Any = self.start[lens].model
             parts += [(model.k1 + k1 - K1_MEAN) / K1_SIGMA, (model.k2 + k2) / K2_SIGMA, cx / sigma, cy / sigma]
-            parts.append(log_f / 1.0)
+            parts.append(log_f / FOCAL_SIGMA)
         first, second = (camera.model for camera in self.cameras(x))
         parts.append(np.log(first.fx / second.fx) / SAME_FOCAL)  # pyright: ignore
         parts.append((first.k1 - second.k1) / SAME_K1)  # pyright: ignore
@@ -139,6 +184,7 @@ class HeadProblem:
 
 
 def moved_lens(camera: Camera, x: Array) -> Camera:
+    """Return a lens moved by a step (5,) of its parameters."""
     model: Any = camera.model
     focal = model.fx * float(np.exp(x[0]))
     moved = dataclasses.replace(
@@ -158,8 +204,8 @@ def _both_seen(a: Array, b: Array) -> NDArray[np.bool_]:
     return np.asarray(a.any(axis=1) & b.any(axis=1))
 
 
-def shifted(shift: Array, step: Array) -> Array:
-    """Return a direction moved in its tangent plane."""
-    basis = np.linalg.svd(shift[None])[2][1:]
-    moved = shift + step @ basis
+def moved_direction(direction: Array, step: Array) -> Array:
+    """Return a direction (3,) moved by a step (2,) in its tangent plane."""
+    basis = np.linalg.svd(direction[None])[2][1:]
+    moved = direction + step @ basis
     return moved / np.linalg.norm(moved)
