@@ -9,9 +9,9 @@ from omnisight.optim.refinement import THRESHOLDS, Refinement, refine
 
 Array = NDArray[np.float64]
 
-# Inliers above which a model has no rival. The next local optimum of relative poses in 60 degrees with 35 inliers was
-# up to e^17 times more probable than the one found; that of real pairs of fisheye images with 69 to 79 inliers e^13
-# times less probable, or more.
+# Inliers above which no other model is searched for. The next local optimum of relative poses in 60 degrees with 35
+# inliers was up to e^17 times more probable than the one found; that of real pairs of fisheye images with 69 to 79
+# inliers e^13 times less probable, or more.
 MAX_INLIERS = 100
 # Samples from which local optima are searched, and how many of the best different ones are refined.
 SAMPLES, MAX_REFINED = 200, 20
@@ -43,8 +43,8 @@ def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement,
     fits = [fit, *(refine(problem, model) for model in others[:MAX_REFINED])]
     best = max(fits, key=lambda each: each.evidence)
     distances = _squared_distances(problem, best, np.array([each.model for each in fits]))
-    rivals = [each.evidence for each, d in zip(fits, distances, strict=True) if d > MIN_SQUARED_DISTANCE]
-    return best, float(1 / (1 + np.exp(max(rivals, default=-np.inf) - best.evidence)))
+    others = [each.evidence for each, d in zip(fits, distances, strict=True) if d > MIN_SQUARED_DISTANCE]
+    return best, float(1 / (1 + np.exp(max(others, default=-np.inf) - best.evidence)))
 
 
 def _local_optima(problem: Any, seed: int) -> Array:

@@ -16,19 +16,20 @@ Array = NDArray[np.float64]
 
 # The search is repeated with the estimated noise if that is below this fraction of the assumed one, at most so often.
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
-# Correspondences beyond a minimal sample that are needed to tell inliers from outliers.
+# Correspondences beyond a minimal sample that are needed to distinguish inliers from outliers.
 MIN_REDUNDANCY = 3
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
 MAX_FALSE_ALARMS = 1e-3
 # Observations with a larger squared error over its variance disagree with a model, whatever the noise.
 MIN_DISAGREEMENT = 25.0
-# One-sided quantile of a Gaussian of the level 1e-5: a model has more support than a rival if the difference of two
+# One-sided quantile of a Gaussian of the level 1e-5: a model has more support than another if the difference of two
 # Poisson counts of its size occurs less often by chance.
 MAX_CHANCE_GAIN = 4.26
 # Probability of a model below which it is ambiguous.
 MIN_PROBABILITY = 0.99
-# The search for a rival finds one with this probability if 39 % of the other observations agree, with five in a sample.
-RIVAL_CONFIDENCE, MAX_RIVAL_ITERATIONS = 0.99, 500
+# Probability that the search for another model finds one with which 39 % of the other observations agree, with samples
+# of five.
+ALTERNATIVE_CONFIDENCE, MAX_ALTERNATIVE_ITERATIONS = 0.99, 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class RobustEstimate:
         Number of samples drawn.
     reason
         Why there is no model; empty otherwise.
-    has_rival
+    has_alternative_model
         Whether the reason is another model with nearly as much support.
     probability
         Of the model against the most probable other one, see `most_probable`.
@@ -64,11 +65,11 @@ class RobustEstimate:
     score: float = float("nan")
     iterations: int = 0
     reason: str = ""
-    has_rival: bool = False
+    has_alternative_model: bool = False
     probability: float = 1.0
 
     @property
-    def rival_reason(self) -> str:
+    def ambiguity(self) -> str:
         """Why the model is ambiguous, if another one is nearly as probable; empty otherwise."""
         if self.probability >= MIN_PROBABILITY:
             return ""
@@ -84,7 +85,7 @@ def estimate_robustly(
     LO-RANSAC finds the model; it is refined to the maximum likelihood under a mixture of Gaussian noise and outliers,
     whose density near zero is measured on unrelated correspondences. If the noise is unknown, the search is repeated
     while it is much smaller than assumed. A model that unrelated correspondences fit as well is rejected, and so is one
-    with a rival: another model with which nearly as many of the other correspondences agree.
+    if nearly as many of the other correspondences agree with an alternative model.
 
     Parameters
     ----------
@@ -113,14 +114,14 @@ def estimate_robustly(
             break
     if not is_scale_known:
         problem = permuted(problem_of_scale(scale), order)
-    probability, rival, chance = 1.0, "", _chance_reason(problem, fit)
+    probability, alternative, chance = 1.0, "", _chance_reason(problem, fit)
     if not chance:
         fit, probability = most_probable(problem, fit, options.seed)
-        rival = _rival_reason(problem, fit.model, options)
+        alternative = _alternative_reason(problem, fit.model, options)
     inliers = np.empty_like(fit.is_inlier)
     inliers[order] = fit.is_inlier
-    model, reason = None if chance or rival else fit.model, chance or rival
-    search = found.score, iterations, reason, bool(rival)
+    model, reason = None if chance or alternative else fit.model, chance or alternative
+    search = found.score, iterations, reason, bool(alternative)
     return RobustEstimate(model, fit.covariance, inliers, scale, *search, probability)
 
 
@@ -138,7 +139,7 @@ def _chance_reason(problem: Any, fit: Refinement) -> str:
     return f"{inliers} of {count} correspondences agree, as unrelated ones do by chance"
 
 
-def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
+def _alternative_reason(problem: Any, model: Array, options: RansacOptions) -> str:
     """Return why a model is rejected, if another one has nearly as much support among the others; empty otherwise.
 
     Matches of repeated structures, such as the squares of a checkerboard, agree with many wrong models. The best one is
@@ -151,19 +152,19 @@ def _rival_reason(problem: Any, model: Array, options: RansacOptions) -> str:
     threshold = THRESHOLDS[dimension]
     squares = squared_errors(problem, model)
     support, others = int((squares <= threshold).sum()), permuted(problem, np.flatnonzero(squares > MIN_DISAGREEMENT))
-    least = sample_size + _least_rival(support - sample_size)
+    least = sample_size + _least_support(support - sample_size)
     if len(others[0]) < least:
         return ""
-    needed = samples_needed(least / len(others[0]), sample_size, RIVAL_CONFIDENCE)
-    search = replace(options, max_iterations=min(needed, MAX_RIVAL_ITERATIONS))
-    rival = ransac(others, threshold, search).model
-    agreeing = int((squared_errors(others, rival) <= threshold).sum())
+    needed = samples_needed(least / len(others[0]), sample_size, ALTERNATIVE_CONFIDENCE)
+    search = replace(options, max_iterations=min(needed, MAX_ALTERNATIVE_ITERATIONS))
+    alternative = ransac(others, threshold, search).model
+    agreeing = int((squared_errors(others, alternative) <= threshold).sum())
     if agreeing < least:
         return ""
     return f"{support} correspondences agree with one model, {agreeing} with another: structures repeat or move"
 
 
-def _least_rival(support: int) -> float:
+def _least_support(support: int) -> float:
     """Return the least n that is not significantly smaller than a support: support - n <= gain sqrt(support + n).
 
     Both are counted beyond a minimal sample, which any model agrees with.

@@ -107,7 +107,7 @@ def _estimate(x: Array, bearings: Array, cov: Array, is_scale_known: bool, optio
     )
     sigma = float(np.degrees(np.sqrt(variance.mean()))) if len(b) else float("nan")
     pose, covariance_of_step = None, np.full((6, 6), np.nan)
-    reason = found.reason or found.rival_reason
+    reason = found.reason or found.ambiguity
     if found.model is not None and not reason:
         pose, covariance_of_step = Pose.of_matrix(found.model), found.covariance
     search = found.score, found.iterations, reason

@@ -87,7 +87,7 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
-    if general.has_rival:
+    if general.has_alternative_model:
         return Selection(MotionModel("ambiguous", general.reason))
     if general.model is None:
         return _rotation_model(pairs, options)

@@ -128,7 +128,7 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
     if best.homography is not None and (motions := plane_motions(pairs, best.homography, options.seed)):
         return _on_plane(pairs, motions, best.motion, found)
     sigma, motion = _sigma_deg(pairs), best.motion
-    if motion.name in ("general", "planar motion") and (reason := found.rival_reason):
+    if motion.name in ("general", "planar motion") and (reason := found.ambiguity):
         pose, motion, found = None, MotionModel("ambiguous", reason), replace(found, reason=reason)
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
 
