@@ -10,7 +10,7 @@ import numpy as np
 from omnisight.cli._output import is_quiet, write_json
 from omnisight.pipeline.capture import CaptureResult, Show
 from omnisight.pipeline.capture_options import CaptureOptions
-from omnisight.pipeline.capture_session import CaptureSession, Seen
+from omnisight.pipeline.capture_session import CaptureSession, JudgedCandidate
 from omnisight.report.drawings.capture import draw_capture
 from omnisight.report.live.server import LivePage
 from omnisight.view_planning.description import describe_placement, direction_text, error_text
@@ -25,11 +25,11 @@ def live_view(source: str, options: CaptureOptions, *, has_page: bool) -> Genera
         if page is not None:
             print(f"page      {page.url}", file=sys.stderr, flush=True)
 
-        def show(session: CaptureSession, seen: Seen) -> None:
+        def show(session: CaptureSession, judged: JudgedCandidate) -> None:
             if has_line:
-                print(f"\r{_line(session, seen, options)}\x1b[K", end="", file=sys.stderr, flush=True)
+                print(f"\r{_line(session, judged, options)}\x1b[K", end="", file=sys.stderr, flush=True)
             if page is not None:
-                page.show(draw_capture(session, seen), seen.advice or "stored", page_rows(session, options))
+                page.show(draw_capture(session, judged), judged.advice or "stored", page_rows(session, options))
 
         yield show
         if has_line:
@@ -72,11 +72,11 @@ def as_json(result: CaptureResult) -> None:
     write_json(data)
 
 
-def _line(session: CaptureSession, seen: Seen, options: CaptureOptions) -> str:
+def _line(session: CaptureSession, judged: JudgedCandidate, options: CaptureOptions) -> str:
     """Return the status in one line."""
     count = len(session.detections.images)
-    advice = seen.advice or "stored"
-    pose = _next_pose(session) if seen.advice and count >= 3 else ""
+    advice = judged.advice or "stored"
+    pose = _next_pose(session) if judged.advice and count >= 3 else ""
     line = f"{count}/{options.images} images  coverage {_share(session)}  {advice}" + (f"; {pose}" if pose else "")
     return line[: _terminal_width() - 1]
 

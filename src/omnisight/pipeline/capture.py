@@ -11,7 +11,7 @@ from omnisight.images import read_image, write_image
 from omnisight.images.live_camera import CameraFrame
 from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.capture_options import CaptureOptions
-from omnisight.pipeline.capture_session import CaptureSession, Seen
+from omnisight.pipeline.capture_session import CaptureSession, JudgedCandidate
 from omnisight.pipeline.capture_source import CaptureSource
 from omnisight.targets.clip_detection import best_of_intervals
 
@@ -19,7 +19,7 @@ from omnisight.targets.clip_detection import best_of_intervals
 NAME = "capture-{:03d}.png"
 NAME_PATTERN = re.compile(r"capture-(\d+)\.png")
 
-Show = Callable[[CaptureSession, Seen], None]
+Show = Callable[[CaptureSession, JudgedCandidate], None]
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def capture(
     source: str | int,
     output: str | PathLike[str],
     options: CaptureOptions = CaptureOptions(),
-    show: Show = lambda session, seen: None,
+    show: Show = lambda session, judged: None,
 ) -> CaptureResult:
     """Capture calibration images from a connected camera: those that are sharp, still and informative.
 
@@ -94,14 +94,14 @@ def capture(
     with until_interrupted():
         reason = "interrupted"
         for candidate in candidates:
-            seen = session.look(candidate)
-            searched, found = searched + 1, found + (seen.detection is not None)
-            if not seen.advice:
+            judged = session.judge(candidate)
+            searched, found = searched + 1, found + (judged.detection is not None)
+            if not judged.advice:
                 images.append(folder / NAME.format(_number(images) + 1))
                 write_image(images[-1], candidate.frame.image)
-                session.add(seen, images[-1])
+                session.add(judged, images[-1])
                 session.estimate()
-            show(session, seen)
+            show(session, judged)
             if is_complete(session, options):
                 reason = "coverage"
                 break
@@ -121,9 +121,9 @@ def _continue(session: CaptureSession, folder: Path) -> list[Path]:
     files = sorted(file for file in folder.iterdir() if NAME_PATTERN.fullmatch(file.name))
     for file in files:
         candidate = next(best_of_intervals([CameraFrame(0, 0.0, read_image(file))], 1))
-        seen = session.look(candidate)
-        if seen.detection is not None:
-            session.add(seen, file)
+        judged = session.judge(candidate)
+        if judged.detection is not None:
+            session.add(judged, file)
     session.estimate()
     return files
 

@@ -41,8 +41,8 @@ MIN_SHARPNESS_SHARE = 1 / 8
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A candidate with its detection.
+class JudgedCandidate:
+    """A candidate with its detection, and whether it is stored.
 
     Attributes
     ----------
@@ -87,19 +87,19 @@ class CaptureSession(Displayed):
         """Start without images."""
         self.detections = Detections(self.board)
 
-    def look(self, candidate: Candidate) -> Seen:
+    def judge(self, candidate: Candidate) -> JudgedCandidate:
         """Detect the board in a frame, and judge whether it is sharp, still and informative."""
         found = detect_in_frame(candidate, self.board)
         detection = max(found.boards, key=len, default=None)
-        return Seen(candidate, detection, self._advice(candidate, detection, found.motion))
+        return JudgedCandidate(candidate, detection, self._advice(candidate, detection, found.motion))
 
-    def add(self, seen: Seen, path: Path) -> None:
+    def add(self, judged: JudgedCandidate, path: Path) -> None:
         """Add a stored image."""
-        assert seen.detection is not None
-        gray = seen.candidate.gray
+        assert judged.detection is not None
+        gray = judged.candidate.gray
         size = gray.shape[1], gray.shape[0]
         self._thumbnails.append(downsample(gray))
-        images = [*self.detections.images, ImageDetection(path, size, (seen.detection,))]
+        images = [*self.detections.images, ImageDetection(path, size, (judged.detection,))]
         field = estimate_image_field(self._thumbnails).resized(size)
         self.detections = Detections(self.board, images, field=field)
 

@@ -85,7 +85,7 @@ class Odometry:
         masks: Sequence[Mask] | None = None,
         imu: ImuSamples | None = None,
     ) -> None:
-        """Prepare for images of a camera or a rig, of whose pixels (H, W) masks may exclude some.
+        """Prepare for images of a camera or a rig, with masks (H, W) of their usable pixels.
 
         The gyroscope of an inertial measurement unit predicts turns; its orientation on the camera need not be known.
         """
@@ -138,7 +138,7 @@ class Odometry:
         if not found:
             reason = found.reason
             frame, found = self._recover(frame, tracker, self._window)
-            self._lose(frame, reason if found else found.reason)
+            self._note_loss(frame, reason if found else found.reason)
         if found.rig_from_world is None:
             return replace(self._initialize(frame, tracker), reason=found.reason)
         pose, extends = found.rig_from_world, False
@@ -164,7 +164,7 @@ class Odometry:
                 last = self._waiting.frames[-1]
                 self._append([TrackedPose(last.frame, last.seconds, last.pose, "rotation only")])
             self._waiting = None
-        self._end_of_loss(self._frames, "")
+        self._note_end_of_loss(self._frames, "")
 
     def close_loops(self) -> LoopClosure:
         """Return the trajectory so far, corrected by the places that the camera has seen before.
@@ -241,7 +241,7 @@ class Odometry:
     def _keep_rotations(self, waiting: Initialization) -> None:
         """Add the poses of waiting frames to the trajectory if the camera only turned; otherwise they are lost."""
         if waiting.turned_only():
-            self._end_of_loss(waiting.first.frame, "rotation only")
+            self._note_end_of_loss(waiting.first.frame, "rotation only")
             self._append(waiting.rotations())
         elif self._lost is None:
             self._lost = waiting.first.frame, waiting.failure
@@ -266,14 +266,14 @@ class Odometry:
         """Start tracking in a window with the first two keyframes."""
         if self._history is not None and len(self._history):
             self._history.start_segment()
-        self._end_of_loss(waiting.first.frame, "new segment" if self.trajectory else "tracking")
+        self._note_end_of_loss(waiting.first.frame, "new segment" if self.trajectory else "tracking")
         self._window, self._waiting, self._relocalizer = window, None, None
         self._locator.restart()
         poses, missing = waiting.trajectory(window, self._options.seed)
         self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
         self._append(poses)
         self.keyframes += 2
-        self._keep(frame, tracker, window)
+        self._store_keyframe(frame, tracker, window)
         return FrameResult(frame.index, frame.seconds, poses[-1].rig_from_world, len(frame.rays), is_keyframe=True)
 
     def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
@@ -281,17 +281,17 @@ class Odometry:
         others = tracker.cross_rays(pose) if self.has_scale else FrameRays.none()
         seen = tracker.patches.number[tracker.patches.is_seen]
         window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
-        self._keep(frame, tracker, window)
+        self._store_keyframe(frame, tracker, window)
         self.keyframes += 1
         return window.keyframes[-1].rig_from_world
 
-    def _keep(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> None:
+    def _store_keyframe(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> None:
         """Start patches in the last keyframe of a window, and keep it for the closing of loops."""
-        window.extend_last(self._detect(frame, tracker, window), frame.images)
+        window.extend_last(self._start_patches(frame, tracker, window), frame.images)
         if self._history is not None:
             self._history.update(window, self.rig)
 
-    def _detect(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
+    def _start_patches(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
         """Start patches in the last keyframe of a window, and return the rays of all that it shows."""
         pose = window.keyframes[-1].rig_from_world
         tracker.set_points(window.number, window.points)
@@ -316,17 +316,17 @@ class Odometry:
             self._lost = None  # without a velocity, descriptors determine several poses in a row: no other cut
         if self._lost and self._history:
             self._history.note_loss()
-        self._end_of_loss(frame.index, "tracking" if self._relocalizer is None else "relocalization")
+        self._note_end_of_loss(frame.index, "tracking" if self._relocalizer is None else "relocalization")
         if self._relocalizer is not None:
             self._motion, self._relocalized = MotionPrediction.still(frame.seconds, pose), frame.index
         self._waiting, self._relocalizer = None, None
 
-    def _lose(self, frame: Frame, reason: str) -> None:
+    def _note_loss(self, frame: Frame, reason: str) -> None:
         """Note the first frame of a loss."""
         if self._lost is None:
             self._lost, self._speed = (frame.index, reason), float(np.linalg.norm(self._motion.velocity))
 
-    def _end_of_loss(self, frame: int, recovery: str) -> None:
+    def _note_end_of_loss(self, frame: int, recovery: str) -> None:
         """Note which frames before this one were lost, or that this one follows a cut."""
         if self._lost is not None and (self._lost[0] < frame or recovery in ("relocalization", "new segment")):
             first, reason = self._lost

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.sphere import polar
-from omnisight.pipeline.capture_session import CaptureSession, Seen
+from omnisight.pipeline.capture_session import CaptureSession, JudgedCandidate
 from omnisight.quality.coverage import SECTORS, Coverage
 from omnisight.report.drawings.canvas import BLUE, GREEN, YELLOW, ImageCanvas
 from omnisight.report.drawings.detections import draw_board_rows
@@ -22,12 +22,12 @@ UNCOVERED_COLOR, UNCOVERED_OPACITY = np.array((255, 90, 60)), 0.28
 CELL_STEPS = 12
 
 
-def draw_capture(session: CaptureSession, seen: Seen) -> NDArray[np.uint8]:
+def draw_capture(session: CaptureSession, judged: JudgedCandidate) -> NDArray[np.uint8]:
     """Return the drawing (H, W, 3): uncovered directions are red, the board of a stored image is green.
 
     The proposed board is drawn with its nearer edge thick.
     """
-    image = seen.candidate.frame.image
+    image = judged.candidate.frame.image
     canvas = ImageCanvas(image, SIZE_PX / max(image.shape[:2]), brightness=BRIGHTNESS)
     field = session.detections.field
     canvas.field(field, BLUE)
@@ -37,8 +37,8 @@ def draw_capture(session: CaptureSession, seen: Seen) -> NDArray[np.uint8]:
         canvas.dots(stored.boards[0].pixels, DOT_COLOR)
     if session.proposal is not None and session.proposal.views:
         BoardDrawing(canvas, session.proposal, session.proposal.views[0], 0).draw_outline()
-    if seen.detection is not None:
-        draw_board_rows(canvas, seen.detection, session.detections, YELLOW if seen.advice else GREEN)
+    if judged.detection is not None:
+        draw_board_rows(canvas, judged.detection, session.detections, YELLOW if judged.advice else GREEN)
     return np.asarray(canvas.pixels, np.uint8)
 
 
