@@ -11,8 +11,8 @@ Plane = NDArray[Any]
 # Formats of FFmpeg whose planes are used as they are, with their bits.
 PLANAR = {"yuv420p": 8, "yuvj420p": 8, "yuv420p10le": 10}
 FORMATS = {8: "yuv420p", 10: "yuv420p10le"}
-# Values of FFmpeg's AVColorRange.
-LIMITED, FULL = 1, 2
+# Value of FFmpeg's AVColorRange for luma from 0 to 255.
+FULL = 2
 # Luma of black of 8 bits in the limited range.
 BLACK = 16
 

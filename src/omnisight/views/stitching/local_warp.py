@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.views.stitching.sampling import PolarGrid
 from omnisight.views.stitching.seams import Seam
 
 Array = NDArray[np.float64]
@@ -113,8 +112,3 @@ def _weighted_median(values: Array, weights: Array) -> float:
     order = np.argsort(values)
     total = np.cumsum(np.maximum(weights[order], 0))
     return float(values[order][np.searchsorted(total, total[-1] / 2)]) if total[-1] > 0 else float("nan")
-
-
-def polar_px_to_deg(grid: PolarGrid, px: float) -> float:
-    """Return an angle, degrees, of rows of a grid."""
-    return float(np.degrees(px / grid.px_per_rad))
