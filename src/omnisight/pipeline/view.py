@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,33 @@ class ViewResult(Displayed):
     extrapolated_fraction: float
     magnification: tuple[float, float]
     errors: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        options: ViewOptions,
+        files: Sequence[Path],
+        cameras: tuple[Camera, Camera],
+        rotations: Sequence[Array],
+        covered: Mask,
+        extrapolated: Mask,
+        *,
+        errors: Sequence[str] = (),
+    ) -> Self:
+        """Return the measures of views that a source and a target camera determine, with masks (H, W) of the view."""
+        source, target = cameras
+        return cls(
+            options,
+            tuple(files),
+            source,
+            target,
+            tuple(rotations),
+            image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
+            view_fraction=float(covered.mean()),
+            extrapolated_fraction=float((extrapolated & covered).sum() / max(covered.sum(), 1)),
+            magnification=magnification(source, target, rotations[0]),
+            errors=tuple(errors),
+        )
 
 
 def view(
@@ -124,24 +152,13 @@ def view(
     report("view", len(paths), len(paths))
     if render is None or not written:
         raise ValueError(skipped_message(errors, len(paths)))
-    source, target, rotations, covered = render.source, render.target, render.rotations, render.covered
     if mask is not None:
-        write_image(Path(mask), covered.astype(np.uint8) * 255)
+        write_image(Path(mask), render.covered.astype(np.uint8) * 255)
     if view_camera is not None:
-        provenance = {"view": True, "target_from_source": rotations[0].tolist()}
-        save(dataclasses.replace(target, provenance=provenance), Path(view_camera))
-    return ViewResult(
-        render.options,
-        tuple(written),
-        source,
-        target,
-        tuple(rotations),
-        image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
-        view_fraction=float(covered.mean()),
-        extrapolated_fraction=float((render.extrapolated & covered).sum() / max(covered.sum(), 1)),
-        magnification=magnification(source, target, rotations[0]),
-        errors=tuple(errors),
-    )
+        provenance = {"view": True, "target_from_source": render.rotations[0].tolist()}
+        save(dataclasses.replace(render.target, provenance=provenance), Path(view_camera))
+    cameras, masks = (render.source, render.target), (render.covered, render.extrapolated)
+    return ViewResult.of(render.options, written, cameras, render.rotations, *masks, errors=errors)
 
 
 def skipped_message(errors: Sequence[str], total: int) -> str:

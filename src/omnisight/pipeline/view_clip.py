@@ -27,8 +27,7 @@ from omnisight.pipeline.view_target import view_target
 from omnisight.video_options import VideoOptions
 from omnisight.views.cube import CROSS_LAYOUT, CUBE_FACES, cube_cross
 from omnisight.views.frame_remapper import FrameRemapper
-from omnisight.views.maps import extrapolation_mask, visible_fraction
-from omnisight.views.remapper import magnification
+from omnisight.views.maps import extrapolation_mask
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -155,22 +154,10 @@ class _ClipView:
 
     def result(self, file: Path) -> ViewResult:
         """Return the measures of the view of the first frame."""
-        source, target, rotations = self.source, self._target, self._rotations
-        covered = self._covered
-        assert covered is not None  # a clip has at least one frame
-        outside = cube_cross([extrapolation_mask(source, target, rotation) for rotation in rotations])
-        return ViewResult(
-            self.options,
-            (file,),
-            source,
-            target,
-            tuple(rotations),
-            image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
-            view_fraction=float(covered.mean()),
-            extrapolated_fraction=float((outside & covered).sum() / max(covered.sum(), 1)),
-            magnification=magnification(source, target, rotations[0]),
-            errors=(),
-        )
+        assert self._covered is not None  # a clip has at least one frame
+        cameras = self.source, self._target
+        outside = cube_cross([extrapolation_mask(*cameras, rotation) for rotation in self._rotations])
+        return ViewResult.of(self.options, [file], cameras, self._rotations, self._covered, outside)
 
     def _at(self, seconds: float) -> ViewOptions:
         return moved(self.options, self._angles(seconds))
@@ -187,7 +174,7 @@ def _even(camera: Camera) -> Camera:
     """Return a camera without an odd last column or row, which video codecs do not encode."""
     width, height = camera.size
     if min(width, height) < 2:
-        raise ValueError(f"a view of {width}x{height} px cannot be encoded: at least 2x2")
+        raise ValueError(f"a view of {width}x{height} px cannot be encoded: specify --size 2x2 or more")
     return dataclasses.replace(camera, size=(width // 2 * 2, height // 2 * 2))
 
 
