@@ -116,29 +116,10 @@ def simulate(
     dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg, depth_steps=steps)
     remove_exports(options.output)
     report("build the scene", 1, 1)
-    samples: list[ImageSample] = []
-    total = len(times) * len(cameras)
+    rendering = _Rendering(options, scene, motion, times, dataset, any(export.NEEDS_SAMPLES for export in exports))
+    samples, total = list[ImageSample](), len(times) * len(cameras)
     for k, camera in enumerate(cameras):
-        drift_rng = np.random.default_rng((options.seed, k, 1, 2))
-        exposures = options.exposure + exposure_drift(times, options.conditions.exposure_drift, drift_rng)
-        for i, moment in enumerate(times):
-            report("render", k * len(times) + i, total)
-            renderer = _renderer(options, scene.at(float(moment)), camera, motion, float(moment))
-            rng = np.random.default_rng((options.seed, k, i))
-            rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
-            truth = renderer.truth()
-            moving = np.isin(truth.instances, [scene.instance(actor.name) for actor in scene.actors])
-            dataset.write_frame(camera, i, rendered.image, truth)
-            if scene.actors:
-                dataset.write_mask(camera, i, moving)
-            if any(export.NEEDS_SAMPLES for export in exports):
-                samples.append(ImageSample.of(rendered.image, truth, moving))
-            if i == 0:
-                dataset.write_photometry(camera, renderer.vignetting())
-        poses = tuple(motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
-        if options.conditions.exposure_drift:
-            dataset.write_exposures(camera, times, exposures)
-        dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
+        samples += rendering.write_images(k, camera, lambda done: report("render", done, total))
     report("render", total, total)
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
     measurements = write_measurements(options, motion, times)
@@ -147,6 +128,62 @@ def simulate(
     dataset.finish(settings, Trajectory(times, tuple(motion.at(float(moment)) for moment in times)), descriptions)
     seconds = time.perf_counter() - start
     return SimulatedDataset(options.output, tuple(cameras), len(times), settings, tuple(notes), seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rendering:
+    """What is rendered and where it is written.
+
+    Attributes
+    ----------
+    options
+        Options of the command.
+    scene, motion, times
+        The scene, the motion of the body in it, and the times of the images, seconds.
+    dataset
+        The files.
+    keeps_samples
+        Whether images and their ground truth are needed after all are rendered.
+    """
+
+    options: SimulateOptions
+    scene: Scene
+    motion: Motion
+    times: NDArray[np.float64]
+    dataset: Dataset
+    keeps_samples: bool
+
+    def write_images(self, k: int, camera: MountedCamera, progress: Callable[[int], None]) -> list[ImageSample]:
+        """Render and write the images of a camera with their ground truth; return those that exports need."""
+        options, scene, times, dataset, samples = (
+            self.options,
+            self.scene,
+            self.times,
+            self.dataset,
+            list[ImageSample](),
+        )
+        exposures = options.exposure + exposure_drift(
+            times, options.conditions.exposure_drift, np.random.default_rng((options.seed, k, 1, 2))
+        )
+        for i, moment in enumerate(times):
+            progress(k * len(times) + i)
+            renderer = _renderer(options, scene.at(float(moment)), camera, self.motion, float(moment))
+            rng = np.random.default_rng((options.seed, k, i))
+            rendered = renderer(rng=rng, exposure=float(exposures[i]), blur=options.blur, noise=options.noise)
+            truth = renderer.truth()
+            moving = np.isin(truth.instances, [scene.instance(actor.name) for actor in scene.actors])
+            dataset.write_frame(camera, i, rendered.image, truth)
+            if scene.actors:
+                dataset.write_mask(camera, i, moving)
+            if self.keeps_samples:
+                samples.append(ImageSample.of(rendered.image, truth, moving))
+            if i == 0:
+                dataset.write_photometry(camera, renderer.vignetting())
+        if options.conditions.exposure_drift:
+            dataset.write_exposures(camera, times, exposures)
+        poses = tuple(self.motion.at(float(moment)) @ camera.rig_from_camera for moment in times)
+        dataset.write_camera(camera, Trajectory(times, poses), options.scene, scene.names)
+        return samples
 
 
 def _descriptions(options: SimulateOptions) -> list[str]:
@@ -173,7 +210,10 @@ def mounted_cameras(source: Path | Sensor | Rig, circle: tuple[float, float] | N
         if min(camera.size) < 1:
             raise ValueError(f"{label}: has no image size; add it to the file")
         if camera.size[0] * camera.size[1] > MAX_IMAGE_PIXELS:
-            raise ValueError(f"{label}: images of {camera.size[0]}x{camera.size[1]} px are too large to render")
+            raise ValueError(
+                f"{label}: images of {camera.size[0]}x{camera.size[1]} px are too large to render:"
+                f" at most {MAX_IMAGE_PIXELS / 1e6:.0f} megapixels; correct the image size in the file"
+            )
         if isinstance(camera, RayCamera) and camera.unit != "m":
             raise ValueError(
                 f"{label}: the lengths of this camera are in {camera.unit}, not metres: calibrate it with --square"
