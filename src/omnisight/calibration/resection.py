@@ -32,7 +32,7 @@ MIN_RELATIVE_THICKNESS = 0.03
 UNKNOWN_DISTANCE = 1e3
 # Median residual relative to that of the other views above which a pose may be a wrong local minimum.
 POSE_OUTLIER_RATIO = 4.0
-# Residual length (px) above which a corner says nothing more about which of two poses is better.
+# Residual length (px) above which a corner does not contribute to the choice between two poses.
 MAX_COMPARED_PX = 50.0
 
 

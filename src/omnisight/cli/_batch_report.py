@@ -30,7 +30,10 @@ def print_batch(result: "BatchResult", output: str) -> None:
 def check_batch(result: "BatchResult") -> None:
     """Raise `ValueError` if images have no output, for the exit status."""
     if result.failed:
-        raise ValueError(f"{len(result.failed)} of {result.images} images have no result; the others are finished")
+        raise ValueError(
+            f"{len(result.failed)} of {result.images} images have no result; the others are finished:"
+            " replace the listed files and run the same command again"
+        )
 
 
 def print_batch_json(result: "BatchResult", output: str) -> None:

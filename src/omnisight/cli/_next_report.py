@@ -39,7 +39,7 @@ def print_report(proposal: Proposal, detections: Detections) -> None:
     if not proposal.views:
         print("note      no placement shows a third of this board: use a larger board, or a shorter distance")
     elif proposal.is_sufficient:
-        print("note      the uncertainty is already low: more images will hardly help")
+        print("note      the uncertainty is already low: further images would reduce it only slightly")
     for number, view in enumerate(proposal.views, 1):
         print(f"{number}. {describe_view(proposal, view)}")
 

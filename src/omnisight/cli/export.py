@@ -57,7 +57,9 @@ def export(
         _export_view(source, to, Path(output), view, image_size)
     elif batch.apply_to(images or "", output):
         if to != "splat" or images is None:
-            raise ValueError("--workers, --cluster and URLs apply to --to splat with --images")
+            raise ValueError(
+                "--workers, --cluster and URLs apply to --to splat with --images: leave them out, or specify both"
+            )
         _export_batch(source, images, output, batch, width)
     else:
         folder = Path(images) if images else None

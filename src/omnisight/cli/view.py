@@ -63,7 +63,10 @@ def view(
     views = each.of_outputs(output, common)
     if batch.apply_to(*images, *output):
         if len(images) > 1 or len(views) > 1 or mask or view_camera or motion.moves:
-            raise ValueError("--workers, --cluster and URLs apply to one view of one folder or pattern of images")
+            raise ValueError(
+                "--workers, --cluster and URLs apply to one view of one folder or pattern of images: run the"
+                " command once for each, without --mask, --view-camera, --path, --pan and --stabilize"
+            )
         _view_batch(images[0], camera, *views[0], batch)
         return
     with progress() as report:

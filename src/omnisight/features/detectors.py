@@ -81,7 +81,7 @@ def detect_sift(gray: Gray, mask: Gray, count: int) -> RawKeypoints:
 
 def detect_orb(gray: Gray, mask: Gray, count: int) -> RawKeypoints:
     """Detect keypoints of ORB (E. Rublee et al., 2011)."""
-    # OpenCV would exclude a border of 31 px at each level; callers know where the image ends.
+    # OpenCV would exclude a border of 31 px at each level; the mask of the caller excludes the border.
     opencv = _cv2().ORB_create(count, edgeThreshold=1, patchSize=ORB_PATCH_PX)
     raw = _detect_by_opencv(opencv, gray, mask, np.uint8)
     return raw._replace(radius=raw.radius / ORB_PATCH_PX)

@@ -310,7 +310,7 @@ def _ray_camera(state: State, observations: Observations, outliers: Bools) -> Ra
 
 
 def with_ocamcalib(calibration: Calibration, progress: Progress) -> Calibration:
-    """Return the calibration with the camera of Scaramuzza's original method, its errors beside our own."""
+    """Return the calibration with the camera of Scaramuzza's original method, and the errors of both."""
     observations, camera = calibration.observations, calibration.camera
     assert isinstance(camera, Camera)
     result = calibrate_ocamcalib(observations, observations.size, progress=progress)

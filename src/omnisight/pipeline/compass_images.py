@@ -51,7 +51,7 @@ def named_images(images: CompassImage | Sequence[CompassImage]) -> list[NamedIma
     arrays = [each for each in images if isinstance(each, np.ndarray)]
     paths = [str(each) for each in images if not isinstance(each, np.ndarray)]
     if arrays and paths:
-        raise ValueError("images must be either files or arrays, not both")
+        raise ValueError("images are files and arrays: specify either files or arrays")
     if arrays:
         return [NamedImage(f"image {i + 1}", each) for i, each in enumerate(arrays)]
     return [NamedImage(path.name, path) for path in collect_images(paths)]

@@ -28,7 +28,7 @@ class ConvertOptions(Options):
         The camera model to convert to. By default the camera's own if the format holds it, otherwise the most accurate
         model of the format.
     output
-        The file to write; by default beside the input.
+        The file to write; by default in the folder of the input.
     name
         The camera to convert if the file holds several.
     distance

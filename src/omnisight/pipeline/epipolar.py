@@ -23,7 +23,7 @@ from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose
 
 Array = NDArray[np.float64]
 
-# Standard deviations by which matches of mirror images exceed the others if a frame is reflected: the counts are of
+# Excess, standard deviations, of matches of mirror images over the others if a frame is reflected: the counts are of
 # 4000 keypoints, and the level 1e-5 leaves room for scenes that are nearly symmetric.
 MIN_MIRRORED_SIGMA = 4.26
 

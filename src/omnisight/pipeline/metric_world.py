@@ -1,4 +1,4 @@
-"""What the user knows of the world in metres: the distance of two images, or positions of images."""
+"""Known measurements in metres: the distance of two images, or positions of images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The scale of a trajectory from what the user knows besides the images."""
+"""The scale of a trajectory from measurements besides the images."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -69,7 +69,7 @@ class RigCalibration(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know of the images: other sizes, copies, mirrored markers."""
+        """Notes on the images: other sizes, copies, mirrored markers."""
         return tuple(
             f"{camera.name}: {note}"
             for camera in self.cameras
@@ -127,8 +127,7 @@ class RigCalibration(Displayed):
     def sigmas(self, name: str) -> tuple[float, float]:
         """Return the standard deviations of the pose of a camera: angle (radians) and length of the translation.
 
-        They are root mean squares of the angle of the rotation and of the length of the translation by which
-        `sensor_from_rig` differs from the truth.
+        They are root mean squares of the angle and of the length of the error of `sensor_from_rig`.
         """
         covariance = self.rig.covariance
         assert covariance is not None

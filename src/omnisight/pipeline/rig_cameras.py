@@ -188,7 +188,11 @@ def _known_camera(name: str, boards: Boards, file: Path, options: CalibrateRigOp
         used[board], states[board] = observations, evaluation.state
     if not used:
         detections = next(observations.detections for observations in boards.values())
-        raise ValueError("no views of a board" if detections is None else explain_no_detection(detections))
+        raise ValueError(
+            "there are no views of a board: specify images or corner files that show one"
+            if detections is None
+            else explain_no_detection(detections)
+        )
     model = camera.model
     directions = np.zeros((len(model.params), 0))
     if options.refine_cameras:

@@ -15,6 +15,7 @@ from omnisight.targets.observations import Observations
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# A file of the times of a million images has 30 MB; a larger one is another file.
 MAX_TIMES_BYTES = 50_000_000
 # Share of the interval between two images of a camera up to which images of two cameras are simultaneous.
 MAX_INTERVAL_SHARE = 0.5
@@ -183,7 +184,10 @@ def read_times(path: Path) -> dict[str, dict[str, float]]:
         If a column is missing, or a time is not a number; the message names the file and the line.
     """
     if path.stat().st_size > MAX_TIMES_BYTES:
-        raise ValueError(f"{path}: {path.stat().st_size} bytes; a file of times has at most {MAX_TIMES_BYTES}")
+        raise ValueError(
+            f"{path}: {path.stat().st_size} bytes; a file of times has at most {MAX_TIMES_BYTES}:"
+            " specify a CSV file with the columns camera,frame,seconds"
+        )
     times: dict[str, dict[str, float]] = {}
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         reader = csv.DictReader(file)

@@ -34,7 +34,7 @@ MIN_DISTANCE_BASELINES = 3.0
 DISPARITY_SIGMA_PX = 0.2
 # Median row difference above which blocks do not match, and error of disparities that makes distances wrong, px.
 MAX_ROW_DIFFERENCE_PX, MAX_ROTATION_PX = 1.0, 1.0
-# Standard deviations by which the rotation of the rig must differ from that of the images to contradict it.
+# Difference, standard deviations, of the rotation of the rig from that of the images above which they contradict.
 ROTATION_SIGMA = 4.0
 
 

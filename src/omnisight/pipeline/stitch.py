@@ -87,7 +87,7 @@ class StitchResult(Displayed):
         """What is likely to be visible in the sphere; empty if nothing."""
         worst = max(self.seams, key=lambda seam: np.nan_to_num(seam.disparity_deg, nan=np.inf))
         if not np.isfinite(worst.disparity_deg):
-            return "the overlap shows no texture, so that the seam cannot be verified"
+            return "the overlap shows no texture, and the seam cannot be verified"
         if worst.disparity_deg <= MAX_SEAM_DISPARITY_DEG:
             return ""
         return (

@@ -111,7 +111,7 @@ def stitch_clip(job: StitchJob, progress: Progress) -> StitchedFrames:
             count += 1
             progress("stitch", count, max(job.frames.count, count))
     if first is None:
-        raise ValueError("the clips have no common frame")
+        raise ValueError("the clips have no common frame: specify clips that were recorded at the same time")
     files = () if job.target is None else (job.target,)
     return StitchedFrames(first.frame.to_ndarray(format="rgb24"), stitcher.covered, count, files)
 

@@ -30,7 +30,7 @@ StitchSource = str | PathLike[str] | NDArray[Any]
 
 # Frames of a sequence from which lenses and rotation are estimated: more take longer and change little.
 MAX_CALIBRATION_FRAMES = 6
-# Relative difference of the radii of both circles above which one is wrong: both lenses of a head are alike.
+# Relative difference of the radii of both circles above which one is wrong: both lenses of a head have the same model.
 MAX_RADIUS_DIFFERENCE = 0.02
 # Names of the lenses of a head in a single folder.
 HEAD_NAMES = ("front", "back")
@@ -213,7 +213,10 @@ def frames_of_folders(folders: Sequence[StitchSource], lists: Sequence[Sequence[
     counts = [len(files) for files in lists]
     if len(set(counts)) > 1:
         listed = ", ".join(f"{folder}: {count}" for folder, count in zip(folders, counts, strict=True))
-        raise ValueError(f"the folders have different numbers of images ({listed}), so that they are not simultaneous")
+        raise ValueError(
+            f"the folders have different numbers of images ({listed}), and are not simultaneous: leave out the"
+            " images of times at which another camera has none"
+        )
     frames = tuple(tuple(files) for files in zip(*lists, strict=True))
     return HeadFrames(frames, False, len(folders) == 1, tuple(frame[0].stem for frame in frames))
 

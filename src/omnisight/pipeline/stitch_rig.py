@@ -86,7 +86,7 @@ def head_rig(
         return _given(frames, rig if isinstance(rig, Rig) else load_rig(Path(rig)), options)
     samples = frames.calibration_frames()
     if not samples:
-        raise ValueError("the clips have no common frame")
+        raise ValueError("the clips have no common frame: specify clips that were recorded at the same time")
     if len(samples[0]) != 2:
         raise ValueError(
             f"there are {len(samples[0])} images, and without a rig exactly two lenses can be stitched: specify --rig"

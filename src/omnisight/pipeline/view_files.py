@@ -42,12 +42,14 @@ def view_files(
     if clips and len(images) > 1:
         raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
     if (mask or view_camera) and (clips or len(views) > 1):
-        raise ValueError("--mask and --view-camera apply to one view of images")
+        raise ValueError(
+            "--mask and --view-camera apply to one view of images: leave them out, or render the view alone"
+        )
     if clips:
         written = view_clip(clips[0], camera, views, motion=motion, video=video, progress=report)
         return written.views, written
     if motion.moves:
-        raise ValueError("--path, --pan and --stabilize apply to a clip")
+        raise ValueError(f"{images[0]}: --path, --pan and --stabilize apply to a clip: leave them out")
     results = [
         view(images, camera, output, options, mask=mask, view_camera=view_camera, progress=report)
         for output, options in views

@@ -137,7 +137,7 @@ class ViewMotion(Displayed):
     """Options of the motion of a view.
 
     Between keyframes the view moves smoothly, without overshooting; all columns but the time may be missing. `follow`
-    is the standard deviation of the Gaussian by which the orientation of the camera is smoothed.
+    is the standard deviation of the Gaussian that smooths the orientation of the camera.
 
     Attributes
     ----------

@@ -11,9 +11,9 @@ from omnisight.places.panorama_signature import Array, PanoramaSignature, normal
 
 # Samples of the correlation per column: its maximum is then within the basin of the refinement.
 OVERSAMPLING = 4
-MAX_ITERATIONS = 20
-# Steps of the rotation below this, columns, are far below its standard deviation.
-STEP_COLUMNS = 1e-5
+# Gauss-Newton steps, and the step of the rotation, columns, at which they end: far below its standard deviation.
+MAX_ITERATIONS, STEP_COLUMNS = 20, 1e-5
+# Halvings of a step that does not decrease the cost.
 MAX_HALVINGS = 5
 # Sectors of the panorama whose errors are regarded as independent.
 SECTORS = 12

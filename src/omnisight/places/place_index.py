@@ -50,7 +50,7 @@ class PlaceIndex:
 
     Each descriptor of a query has one vote, which it shares among the images with a similar descriptor (H. Jegou et
     al., Hamming embedding, ECCV 2008, with the inverse document frequency of each descriptor in place of that of its
-    word). Descriptors that many images show, such as those of a repeated window, hardly contribute. Bearings are not
+    word). Descriptors that many images show, such as those of a repeated window, contribute little. Bearings are not
     used, so the score is independent of the orientation of the camera. Similar descriptors are found by the
     inverted lists of binary words (D. Galvez-Lopez and J. Tardos, Bags of binary words, T-RO 2012).
 
@@ -122,14 +122,14 @@ class PlaceIndex:
         return ImageWords(bits, self._vocabulary.nearest(bits, SEARCHED_WORDS))
 
     def add_words(self, image: ImageWords) -> int:
-        """Add an image of which the words are known; return its number."""
+        """Add an image with known words; return its number."""
         number = len(self)
         self._lists.append(number, image.bits, image.words[:, 0])
         self._counts.append(len(image.bits))
         return number
 
     def query_words(self, image: ImageWords, count: int, *, before: int | None = None) -> list[Place]:
-        """Return the most similar images to an image of which the words are known; see `query`."""
+        """Return the most similar images to an image with known words; see `query`."""
         candidates = len(self) if before is None else min(max(before, 0), len(self))
         votes = self._lists.vote(*image, self._similarity, candidates)
         score = votes / np.sqrt(np.maximum(np.array(self._counts[:candidates], float) * len(image.bits), 1))

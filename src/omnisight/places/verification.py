@@ -1,4 +1,4 @@
-"""Geometric verification of places: whether two images show one place, or places that look alike."""
+"""Geometric verification of places: whether two images show one place, or similar ones."""
 
 from typing import NamedTuple
 
@@ -22,15 +22,15 @@ MIN_MATCHES = 8
 
 
 class PlaceMatch(NamedTuple):
-    """How far two images agree with one scene.
+    """Evidence that two images show one place.
 
     Attributes
     ----------
     matches, inliers
         Number of matches, and of those that agree with a relative pose.
     directions
-        Share of the directions with keypoints in which matches agree, that of the image where it is smaller. A front
-        that looks like another one agrees in its own direction only.
+        Share of the directions with keypoints in which matches agree, that of the image where it is smaller. Similar
+        facades of different places agree in one direction only.
     """
 
     matches: int

@@ -1,4 +1,4 @@
-"""Visual words: binary descriptors, to the nearest of which descriptors are assigned."""
+"""Visual words: a descriptor is assigned to the nearest of a set of binary descriptors."""
 
 from dataclasses import dataclass, fields
 from functools import cache

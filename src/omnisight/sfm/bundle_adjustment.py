@@ -22,6 +22,7 @@ from omnisight.sfm.structure import RAYS_PER_TASK, RayObservations, Structure
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# Steps, and expected relative decrease of the cost at which they end.
 MAX_ITERATIONS, TOLERANCE = 100, 1e-6
 # Damping at the start: the initial points are far from the optimum along their rays.
 INITIAL_DAMPING = 1e-4

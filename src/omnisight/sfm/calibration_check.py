@@ -37,7 +37,7 @@ class FocalLengthChange(Displayed):
 
     @property
     def is_significant(self) -> bool:
-        """Whether the calibration is hardly that of the images."""
+        """Whether the change is too large for errors: the calibration is probably that of other images."""
         return abs(self.relative) > max(MIN_CHANGE_SIGMA * self.sigma, MIN_CHANGE)
 
 

@@ -36,7 +36,7 @@ class Triangles(NamedTuple):
 
 
 def triangles(a: Indices, b: Indices) -> Triangles:
-    """Return the triangles of edges between the nodes a and b (E,), of which no two have the same ends."""
+    """Return the triangles of edges between the nodes a and b (E,); no two edges have the same ends."""
     first, last = np.minimum(a, b), np.maximum(a, b)
     number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
     following: dict[int, set[int]] = {}
@@ -59,7 +59,7 @@ def unique_edges(a: Indices, b: Indices, cost: Array) -> Indices:
 
 
 def spanning_tree(count: int, a: Indices, b: Indices, cost: Array) -> Indices:
-    """Return the edges of the spanning tree of least total cost > 0, of which no two have the same ends."""
+    """Return the edges of the spanning tree of least total cost > 0; no two edges have the same ends."""
     first, last = np.minimum(a, b), np.maximum(a, b)
     tree = minimum_spanning_tree(csr_array(coo_array((cost, (first, last)), shape=(count, count)))).tocoo()
     number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}

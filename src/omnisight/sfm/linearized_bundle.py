@@ -243,7 +243,7 @@ class LinearizedBundle:
             (C, G) independent parts of the gradient by the cameras, for their variances; by default the inverse of the
             information.
         noise
-            Variance of the residuals, by which the part of the points' own observations is multiplied.
+            Variance of the residuals: the factor of the part of the points' own observations.
 
         Raises
         ------

@@ -41,7 +41,7 @@ MAX_TRACK_LENGTH = 80
 # efficient solution to the five-point relative pose problem, 2004), but each such pair of frames is a block of the
 # normal equations. In 1000 images of a town they were 0.04 % of the observations and six sevenths of the arithmetic.
 MIN_COMMON_POINTS = 5
-# Least parallax of a point: below, its distance is hardly known, and its errors are skewed.
+# Least parallax of a point: below, its distance is uncertain, and its errors are skewed.
 MIN_PARALLAX_RAD = float(np.radians(0.5))
 # Standard deviation of the residuals of the averaged poses in units of that of the keypoints.
 INITIAL_SCALE = 10.0
@@ -50,6 +50,7 @@ MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
 # Tolerance of the bundle adjustments before the last one. With 1e-4, positions of images 2 to 5 m apart had errors of
 # 0.013 % instead of 0.006 %.
 ROUGH_TOLERANCE = 1e-5
+# Tracks per task of a thread.
 TRACKS_PER_TASK = 1024
 
 
@@ -162,7 +163,7 @@ def map_images(
         rest = [edge for edge in rest if edge.images not in first.contradicted]
         start = _without_points(first, images, refines_sensors)
         is_moving = any(edge.has_translation for edge in rest)
-        found = _grown(start, replace(graph, edges=rest), watch) if is_moving else start
+        found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
         maps += [found] if is_map else []
         inside = (found if is_map else start).row_of_image >= 0
@@ -170,7 +171,7 @@ def map_images(
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _grown(start: Map, graph: ViewGraph, watch: Watch) -> Map:
+def _refine_and_extend(start: Map, graph: ViewGraph, watch: Watch) -> Map:
     """Refine a map of averaged poses, and register the frames that it lacks, while any agree with it."""
     found, count = start, 0
     while True:

@@ -34,7 +34,8 @@ MAX_INTERPOLATION_RAD = float(np.radians(10.0))
 # Distance of a predicted direction from the nearest keypoint, in units of the median distance of keypoints from each
 # other: farther away, the image may not show the surface. A point farther than it by this factor is hidden.
 MAX_GAP, HIDDEN_LOG_RATIO = 2.0, float(np.log(1.3))
-# Cells along each edge of a cube on which the distances from an image are tabulated; a cell is 1.9 degrees wide.
+# Cells along each edge of a cube on which the distances from an image are tabulated; a cell is 1.9 degrees wide. The
+# radius is that of the largest cells.
 CELLS = 48
 CELL_RADIUS_RAD = float(np.pi / 4 / CELLS * np.sqrt(2))
 # Expected matches below which a pair is not tested, as a number and as a share of those of all keypoints: at the rim of
@@ -71,7 +72,7 @@ class KnownPoints:
 
     @classmethod
     def of(cls, bearings: Array, known: Indices, distances: Array) -> Self:
-        """Return the keypoints (K, 3) of an image, of which some (N,) have known distances."""
+        """Return the keypoints (K, 3) of an image, and the known distances of some (N,)."""
         gap, nearest = KDTree(bearings[known]).query(bearings)
         keypoint = np.flatnonzero(gap <= MAX_INTERPOLATION_RAD)
         bearings, distances = bearings[keypoint], distances[np.asarray(nearest)[keypoint]]

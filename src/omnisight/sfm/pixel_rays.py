@@ -99,7 +99,7 @@ class FreeCameras:
         return len(self.precision)
 
     def at(self, values: Array, covariance: Array | None = None) -> tuple[Camera, ...]:
-        """Return the cameras with values (Q,) whose covariance (Q, Q) may be known."""
+        """Return the cameras with values (Q,), and with their covariance (Q, Q) if it is known."""
         found: list[Camera] = []
         for camera, basis in zip(self.cameras, self.bases, strict=True):
             model = camera.model.with_params(camera.model.params + basis @ values)

@@ -13,6 +13,7 @@ from omnisight.compiled import njit_helper
 from omnisight.optim._polynomial_kernel import multiply_add, real_roots
 from omnisight.twoview._p3p_kernel import align_triangle, newton_step, squared_lengths
 
+# Steps that polish the distances of a solution.
 NEWTON_STEPS = 8
 # Largest residual of the squared distances, relative to the longest squared side, of a solution.
 MAX_RESIDUAL = 1e-9

@@ -14,6 +14,7 @@ from omnisight.compiled import njit_helper
 from omnisight.twoview._alignment_kernel import fill_translation, rotation_between
 from omnisight.twoview._conic_kernel import intersect_conics
 
+# Steps that polish the distances of a solution.
 NEWTON_STEPS = 5
 # Largest residual of the squared distances, relative to the longest squared side, of a solution.
 MAX_RESIDUAL = 1e-9

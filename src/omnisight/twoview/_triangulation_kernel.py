@@ -9,6 +9,7 @@ from omnisight.compiled import njit_driver, njit_helper
 from omnisight.optim._cholesky_kernel import solve_symmetric
 from omnisight.twoview._small_vectors_kernel import copy_elements, cross, dot, perpendiculars, quadratic_form, whitened
 
+# Levenberg-Marquardt: steps, relative decrease of the cost at which they end, and damping.
 MAX_ITERATIONS, TOLERANCE = 30, 1e-12
 INITIAL_DAMPING, MAX_DAMPING = 1e-6, 1e8
 

@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 BLOCK_PX, MAX_GRADIENT = 7, 63
 # Penalties of disparities that differ by one and by more between neighbours: those that OpenCV recommends.
 SMALL_CHANGE, LARGE_CHANGE = 8 * BLOCK_PX**2, 32 * BLOCK_PX**2
-# Margin by which the best match must be better than others, percent, and by which both directions may differ.
+# Least margin of the best match over the others, percent, and largest difference of both directions.
 UNIQUENESS_PERCENT, MAX_LEFT_RIGHT_PX = 10, 1
 # Regions of at most so many pixels whose disparities differ by more from their surroundings are mismatches.
 SPECKLE_PIXELS, SPECKLE_STEP_PX = 100, 2

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+# Each pair is one equation of the 18 elements of E and R, up to their scale.
 MIN_PAIRS = 17
 # Singular value relative to the largest below which a constraint on the rotation is rounding.
 ROUNDING = 1e-9

@@ -23,7 +23,7 @@ SAMPLES = SIDE * SIDE
 MAX_STEPS, SMALL_STEP_PX = 10, 0.01
 # Steps of the refinement of the affine map.
 MAX_AFFINE_STEPS = 6
-# Distance (px) by which it corrects a position: a larger one is that of another surface.
+# Largest correction (px) of the position by this refinement: a larger one belongs to another surface.
 MAX_AFFINE_SHIFT = 1.5
 # Distance (px of the level) from its start at which a patch is another one: beyond half its size.
 MAX_SHIFT = SIDE

@@ -13,6 +13,7 @@ WINDOW_PX, DERIVATIVE_PX = 9, 3
 # Standard deviation (px) of the position of a corner above which it is of no use, for noise of 2 of 255: an image of
 # nothing but that noise has corners of 0.26 px.
 MAX_SIGMA_PX = 0.12
+# Standard deviation of the noise of an image of 8 bits.
 IMAGE_NOISE = 2.0
 # cornerMinEigenVal divides twice the derivatives by 255 times the width of the window, and sums over the window.
 MIN_EIGENVALUE = (IMAGE_NOISE / MAX_SIGMA_PX) ** 2 * (2.0 / (255.0 * WINDOW_PX)) ** 2

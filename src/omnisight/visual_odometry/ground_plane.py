@@ -16,7 +16,7 @@ MAX_TILT_RAD = np.radians(20.0)
 MIN_DEPRESSION_RAD = np.radians(15.0)
 # Distance from the plane, as a share of the height, of its points: the error of a distance at a parallax of 2 degrees.
 TOLERANCE = 0.04
-# Points of the plane, samples of three by which it is searched, and fits to its points.
+# Points of the plane, samples of three that the search draws, and fits to its points.
 MIN_POINTS, SAMPLES, REFINEMENTS = 12, 200, 3
 # Share of the points below the horizon that are below the plane: reflections and wrong points.
 MAX_BELOW_SHARE = 0.25

@@ -1,4 +1,4 @@
-"""Image pyramids of a camera, with room beside the seam of a 360 image."""
+"""Image pyramids of a camera, padded at the seam of a 360° image."""
 
 from dataclasses import dataclass
 
@@ -10,6 +10,7 @@ from omnisight.camera import Camera
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 
+# Each halves the size: a displacement of 8 px of a frame is one of 1 px on the coarsest level.
 LEVELS = 4
 # Columns that are repeated on both sides of the seam: half a patch of the coarsest level, and a multiple of its pixel.
 SEAM_PX = 64

@@ -61,7 +61,7 @@ class Preintegration(NamedTuple):
 
     @classmethod
     def of(cls, samples: ImuSamples, gyroscope_bias: Array) -> "Preintegration":
-        """Integrate samples, of whose angular velocities a bias (3,) is subtracted."""
+        """Integrate samples, after subtracting a bias (3,) from their angular velocities."""
         rotation, velocity, position = np.eye(3), np.zeros(3), np.zeros(3)
         by_velocity, by_position = np.zeros((3, 3)), np.zeros((3, 3))
         steps = np.diff(samples.times)

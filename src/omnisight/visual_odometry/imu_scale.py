@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 # Time (seconds) between the poses that are used.
 STEP_S = 0.3
+# Steps below which the unknowns (scale, gravity, bias, lever) are not determined well.
 MIN_STEPS = 8
 # Standard gravity, and the deviation of its value on the surface of the earth, m/s^2.
 GRAVITY, GRAVITY_SIGMA = 9.81, 0.03
@@ -22,6 +23,7 @@ GRAVITY, GRAVITY_SIGMA = 9.81, 0.03
 BIAS_SIGMA, LEVER_SIGMA = 0.2, 0.1
 # Standard deviations of integrated velocities (m/s) and positions (m) over a step, which the residuals correct.
 VELOCITY_SIGMA, POSITION_SIGMA = 0.02, 0.005
+# Rounds in which the bias and the orientation, or the noise and the direction of gravity, are estimated in turn.
 ROUNDS = 8
 # Angle (degrees) between turns of the images and of the gyroscope above which their clocks or frames are different.
 MAX_TURN_ERROR_DEG = 1.0

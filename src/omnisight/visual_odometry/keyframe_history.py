@@ -68,7 +68,7 @@ class KeyframeHistory:
     """
 
     def __init__(self, rig: Rig, masks: Sequence[Mask]) -> None:
-        """Prepare for the images of a rig, of whose pixels (H, W) masks may exclude some."""
+        """Prepare for the images of a rig, with masks (H, W) of their usable pixels."""
         self._rig, self._masks = rig, masks
         self.frames: list[int] = []
         self.poses: list[Pose] = []
@@ -96,7 +96,7 @@ class KeyframeHistory:
         self._at_place = np.zeros(0, np.intp)
 
     def update(self, window: KeyframeWindow, rig: Rig) -> None:
-        """Add the keyframes of a window that are new, with the rig by which they were observed."""
+        """Add the keyframes of a window that are new, with the rig that observed them."""
         for keyframe in window.keyframes:
             if keyframe.index in self._row_of:
                 self.poses[self._row_of[keyframe.index]] = keyframe.rig_from_world

@@ -6,7 +6,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.visual_odometry.ray_observations import FrameRays, common
 from omnisight.visual_odometry.window import Keyframe
 
-# Median angle (radians) by which directions have changed since the last keyframe, without that of the rotation.
+# Median change (radians) of the directions of points since the last keyframe, without that by the rotation.
 MIN_PARALLAX_RAD = np.radians(2.0)
 # Share of the patches of the last keyframe that are still seen.
 MIN_SHARE = 0.7

@@ -47,7 +47,7 @@ class LoopClosure:
     rejected
         Loops that do not.
     correction
-        Largest distance by which a pose moved, in the unit of the trajectory.
+        Largest displacement of a pose, in the unit of the trajectory.
     reason
         Why there is no loop; empty otherwise.
     """

@@ -1,4 +1,4 @@
-"""Patches of the tangent plane that are tracked, with the templates by which images show them."""
+"""Tracked patches of the tangent plane, with their templates."""
 
 from dataclasses import dataclass, fields, replace
 

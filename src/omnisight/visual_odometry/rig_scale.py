@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 # Patches that two cameras must see, and the relative standard deviation of the scale above which it is unknown.
 MIN_PATCHES, MAX_RELATIVE_SIGMA = 8, 0.1
+# Rounds of reweighting.
 ROUNDS = 20
 # Tails of the residuals: patches of another place.
 DEGREES = 2.0

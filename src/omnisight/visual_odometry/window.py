@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 
 # Steps of a bundle adjustment, which starts near its optimum, and expected decrease at which it ends.
 MAX_ITERATIONS, TOLERANCE = 4, 1e-4
+# Damping at the start, near the optimum.
 INITIAL_DAMPING = 1e-6
 # Degrees of freedom of the residuals: tails for points on edges of objects, which move along them.
 DEGREES = 4.0

@@ -24,6 +24,7 @@ from omnisight.optim.tolerances import COMPARISON_TOLERANCE, FINAL_TOLERANCE
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# Levenberg-Marquardt steps.
 MAX_ITERATIONS = 100
 # Prior standard deviation of the time offsets: free-running cameras differ by up to an image interval.
 TIME_OFFSET_SIGMA_S = 0.1

@@ -169,7 +169,7 @@ def estimate_rig(
             break
         original = np.arange(len(separated.groups)) < len(together.groups)
         state = replace(state.of_groups(separated, original), motion=None)
-    # Motions of the board that are alike in successive images are no independent samples.
+    # Motions of the board that repeat in successive images are not independent samples.
     covariance = rig_covariance(problem, state, at_least=inflation if problem.motion else 1.0)
     move = find_move(found, inflation)
     return RigEstimate(

@@ -33,9 +33,9 @@ class InitialRig:
     Attributes
     ----------
     observations
-        The observations; boards of half-turn symmetry are numbered alike in simultaneous views.
+        The observations; boards of half-turn symmetry have the same numbers of corners in simultaneous views.
     states
-        Camera, board poses and warp of each part alone, with boards numbered alike.
+        Camera, board poses and warp of each part alone, with the same numbers of corners.
     state
         Cameras, extrinsics and board poses.
     units

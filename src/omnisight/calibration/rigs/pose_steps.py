@@ -8,6 +8,7 @@ from omnisight.optim.loss import geman_mcclure_weights
 
 Array = NDArray[np.float64]
 
+# Degrees of freedom of a pose.
 POSE_DOF = 6
 # Significance at which an estimate contradicts the others; false alarms must be rare in hundreds of views.
 SIGNIFICANCE = 1e-6

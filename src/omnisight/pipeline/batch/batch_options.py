@@ -30,11 +30,11 @@ class BatchOptions(Options):
 
     @property
     def has_workers(self) -> bool:
-        """Whether workers are asked for."""
+        """Whether workers are specified."""
         return self.workers is not None or self.cluster is not None
 
     def apply_to(self, *files: str) -> bool:
-        """Return whether files are processed as a batch: if workers are asked for, or if they are given by URL."""
+        """Return whether files are processed as a batch: if workers are specified, or a file is a URL."""
         return self.has_workers or any("://" in file for file in files)
 
     def __post_init__(self) -> None:

@@ -103,7 +103,7 @@ def check_manifest(task: Task, items: Sequence[Item], source: str, output: str) 
 
 
 def _flat(task: dict[str, Any]) -> dict[str, Any]:
-    """Return a description with the options of a command beside the other parts."""
+    """Return a description with the options of a command and the other parts."""
     return {name: value for name, value in task.items() if name != "options"} | task.get("options", {})
 
 
