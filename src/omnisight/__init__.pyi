@@ -52,9 +52,9 @@ from omnisight.pipeline.compass import CompassResult as CompassResult
 from omnisight.pipeline.compass import compass as compass
 from omnisight.pipeline.compass import compass_rotation as compass_rotation
 from omnisight.pipeline.compass_options import CompassOptions as CompassOptions
-from omnisight.pipeline.convert import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert import ConvertResult as ConvertResult
 from omnisight.pipeline.convert import convert as convert
+from omnisight.pipeline.convert_options import ConvertOptions as ConvertOptions
 from omnisight.pipeline.convert_rig import ConvertRigResult as ConvertRigResult
 from omnisight.pipeline.convert_rig import convert_rig as convert_rig
 from omnisight.pipeline.design import DesignResult as DesignResult

@@ -5,56 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omnisight.camera import Camera
-from omnisight.choices import Options
 from omnisight.conversion import Conversion, convert_model, flip_frame, max_convertible_theta, rank_conversions
 from omnisight.display import Displayed, rounded
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
 from omnisight.models import model_names
 from omnisight.pipeline.central_camera import central_camera
+from omnisight.pipeline.convert_options import ConvertOptions
 
 MAX_SUGGESTIONS = 3  # models in an error message
-
-
-@dataclass(frozen=True)
-class ConvertOptions(Options):
-    """Options of `convert`.
-
-    Attributes
-    ----------
-    format
-        The format to write, one of `omnisight.formats.format_names()`.
-    model
-        The camera model to convert to. By default the camera's own if the format holds it, otherwise the most accurate
-        model of the format.
-    output
-        The file to write; by default in the folder of the input.
-    name
-        The camera to convert if the file holds several.
-    distance
-        The distance of the scene from a non-central camera, with its unit: "2m", "20squares" or "inf".
-    max_theta_deg
-        Fit only up to this angle from the axis instead of the calibrated field of view.
-    max_error_px
-        The largest error with which a file is written.
-    force
-        Write the file whatever its error.
-    invert_extrinsics
-        Of a rig: use the inverse of the poses in the file.
-    flip
-        Exchange left and right of the camera frame, see `flip_frame`.
-    """
-
-    format: str = "native"
-    model: str | None = None
-    output: Path | None = None
-    name: str | None = None
-    distance: str | None = None
-    max_theta_deg: float | None = None
-    max_error_px: float = 1.0
-    force: bool = False
-    invert_extrinsics: bool = False
-    flip: bool = False
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.central_camera import central_approximation
-from omnisight.pipeline.convert import ConversionError, ConvertOptions, convert_camera, target_format
+from omnisight.pipeline.convert import ConversionError, convert_camera, target_format
+from omnisight.pipeline.convert_options import ConvertOptions
 from omnisight.pipeline.ocam_roll import with_upright_ocam
 from omnisight.rig import Rig
 
