@@ -57,7 +57,7 @@ def test_the_scene_does_not_change(found):
 @pytest.mark.parametrize(
     ("known", "reason"),
     [
-        (np.full((8, 3), np.nan), "fewer than 3"),
+        (np.full((8, 3), np.nan), "3 or more are needed"),
         (TRUE[:, :1] * (1.0, 0.0, 0.0), "scatter"),
         (np.zeros((8, 3)), "scatter"),
     ],

@@ -79,7 +79,7 @@ def georeferenced(found: Map, positions: Array) -> tuple[Map, Georeference]:
     rows = found.row_of_image
     known = np.flatnonzero((rows >= 0) & np.isfinite(positions).all(axis=1))
     if len(known) < 3:
-        reason = f"{len(known)} of its images have a known position, fewer than 3"
+        reason = f"{len(known)} images of the model have a known position; 3 or more are needed"
         return found, Georeference(len(known), reason=reason)
     centers, frames = found.images.centers[found.images.sensor[known]], rows[known]
     estimated, _ = camera_positions(found.rig_from_world[frames], centers)
@@ -101,12 +101,12 @@ def scaled(found: Map, a: int, b: int, metres: float) -> tuple[Map, Georeference
     images = np.array([a, b])
     rows = found.row_of_image[images]
     if (rows < 0).any():
-        return found, Georeference(int((rows >= 0).sum()), reason="the images of the known distance are not both in it")
+        return found, Georeference(int((rows >= 0).sum()), reason="the model lacks an image of the known distance")
     centers = found.images.centers[found.images.sensor[images]]
     positions, _ = camera_positions(found.rig_from_world[rows], centers)
     distance = float(np.linalg.norm(positions[1] - positions[0]))
     if not distance:
-        return found, Georeference(2, reason="the images of the known distance were taken in one place")
+        return found, Georeference(2, reason="the images of the known distance have the same position")
     similarity = Similarity(metres / distance, np.eye(3), np.zeros(3))
     measured = MeasuredDistance(rows, similarity.scale * centers, metres, metres * DISTANCE_SIGMA)
     return replace(transformed(found, similarity), measured=measured), Georeference(2, 2)

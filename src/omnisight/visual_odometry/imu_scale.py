@@ -59,10 +59,15 @@ def scale_from_imu(times: Array, poses: list[Pose], imu: ImuSamples) -> ScaleEst
     used = [poses[row] for row in rows]
     orientation = _orientation(used, samples)
     if orientation is None:
-        return ScaleEstimate(SOURCE, reason="the camera turns about one axis only: the IMU's orientation is unknown")
+        return ScaleEstimate(
+            SOURCE,
+            reason="the camera turns about one axis only, and the IMU's orientation is unknown: turn it about two",
+        )
     if orientation.residual_deg > MAX_TURN_ERROR_DEG:
         return ScaleEstimate(
-            SOURCE, reason=f"turns of the images and of the gyroscope differ by {orientation.residual_deg:.1f}°"
+            SOURCE,
+            reason=f"turns of the images and of the gyroscope differ by {orientation.residual_deg:.1f}°:"
+            " are their times of the same clock, and angular velocities in rad/s?",
         )
     steps = [Preintegration.of(each, orientation.bias) for each in samples]
     imus = [Pose(pose.rotation @ orientation.rig_from_imu, pose.translation) for pose in used]
