@@ -219,10 +219,9 @@ def refine_with_ray_cameras(
 
 def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
     """Return a map of some poses, without points."""
-    no_tracks, noise = build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
-    rig = images.sensor_from_rig, np.zeros((0, 3)), no_tracks, noise, refines_sensors
-    return Map(images, first.frames, first.rig_from_world, *rig, values)
+    no_points = np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
+    return Map(images, first.frames, first.rig_from_world, images.sensor_from_rig, *no_points, refines_sensors, values)
 
 
 def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:

@@ -24,12 +24,10 @@ from omnisight.optim.tolerances import COMPARISON_TOLERANCE, FINAL_TOLERANCE
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Levenberg-Marquardt steps.
-MAX_ITERATIONS = 100
+# Levenberg-Marquardt steps, and rounds in which the weights of the residuals are estimated anew.
+MAX_ITERATIONS, MAX_WEIGHT_ROUNDS = 100, 10
 # Prior standard deviation of the time offsets: free-running cameras differ by up to an image interval.
 TIME_OFFSET_SIGMA_S = 0.1
-# Rounds in which the weights of the residuals are estimated anew.
-MAX_WEIGHT_ROUNDS = 10
 
 
 class PartBlocks(NamedTuple):
