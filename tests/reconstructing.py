@@ -10,7 +10,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.images import write_image
 from omnisight.models import model_class
 from omnisight.rig import Rig
-from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 from omnisight.views import fisheye, perspective, sphere
 
 NOISE_PX = 0.3
@@ -94,7 +94,7 @@ def reconstruct(rig, frames, seed, sensors=None):
         points=Points(
             position, np.tile(np.eye(3) * 1e-4, (len(position), 1, 1)), rng.integers(0, 256, (60, 3), np.uint8)
         ),
-        observations=Observations(image, point, pixels, residuals),
+        observations=PointObservations(image, point, pixels, residuals),
         has_scale=len(rig) > 1,
     )
 

@@ -7,7 +7,7 @@ import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.localization.visual_map import match_points
 from omnisight.pipeline.visual_map import FILE
-from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 from omnisight.views import sphere
 
 SIGMA_RAD = 1e-3
@@ -41,7 +41,7 @@ def world():
         tuple(poses),
         np.zeros((6, 6, 6)),
         Points(points, np.tile(1e-6 * np.eye(3), (400, 1, 1)), np.zeros((400, 3), np.uint8)),
-        Observations(image, point, pixels, np.zeros((2400, 2))),
+        PointObservations(image, point, pixels, np.zeros((2400, 2))),
     )
     return om.VisualMap(model, descriptors_of(point, rng)), points
 

@@ -8,7 +8,7 @@ from omnisight.features import Keypoints
 from omnisight.geometry import rotation as so3
 from omnisight.sfm.georeference import least_squares_similarity
 from omnisight.visual_odometry.frame_result import TrackedPose
-from omnisight.visual_odometry.keyframe_history import Place
+from omnisight.visual_odometry.keyframe_history import KeyframePlace
 from omnisight.visual_odometry.loop_closing import close_loops
 from omnisight.visual_odometry.ray_observations import FrameRays
 
@@ -97,7 +97,7 @@ class Corridor:
         looks /= np.linalg.norm(looks, axis=1, keepdims=True)
         covariance = SIGMA**2 * (np.eye(3) - bearings[:, :, None] * bearings[:, None, :])
         keypoints = Keypoints(bearings[:, :2], bearings, covariance, np.zeros(len(seen)), looks)
-        return Place(k, keypoints, np.zeros_like(bearings))
+        return KeyframePlace(k, keypoints, np.zeros_like(bearings))
 
     @property
     def trajectory(self):

@@ -24,7 +24,7 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import downsample, estimate_image_field
 from omnisight.quality.coverage import Coverage
 from omnisight.targets import Board, Detection, Detections, ImageDetection
-from omnisight.targets.clip_detection import Candidate, detect_in_frame
+from omnisight.targets.clip_detection import CandidateFrame, detect_in_frame
 from omnisight.targets.observations import Observations
 from omnisight.view_planning.information_prior import InformationPrior
 from omnisight.view_planning.proposal import Proposal, propose_views
@@ -54,7 +54,7 @@ class JudgedCandidate:
         Why the image is not stored, as an advice; empty if it is.
     """
 
-    candidate: Candidate
+    candidate: CandidateFrame
     detection: Detection | None
     advice: str
 
@@ -87,7 +87,7 @@ class CaptureSession(Displayed):
         """Start without images."""
         self.detections = Detections(self.board)
 
-    def judge(self, candidate: Candidate) -> JudgedCandidate:
+    def judge(self, candidate: CandidateFrame) -> JudgedCandidate:
         """Detect the board in a frame, and judge whether it is sharp, still and informative."""
         found = detect_in_frame(candidate, self.board)
         detection = max(found.boards, key=len, default=None)
@@ -118,7 +118,7 @@ class CaptureSession(Displayed):
         self.coverage = Coverage.of(prior.camera, prior.state, observations)
         self._information = view_information(prior.state, observations).sum(0)
 
-    def _advice(self, candidate: Candidate, detection: Detection | None, motion: float) -> str:
+    def _advice(self, candidate: CandidateFrame, detection: Detection | None, motion: float) -> str:
         """Return why an image is not stored; empty if it is to be."""
         if detection is None:
             return "show the board"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image
 from omnisight.images.live_camera import CameraFrame, LiveCamera
-from omnisight.targets.clip_detection import INTERVAL_S, Candidate, best_of_intervals
+from omnisight.targets.clip_detection import INTERVAL_S, CandidateFrame, best_of_intervals
 
 # Frames per second of a connected camera: drivers report wrong rates, and few cameras have fewer.
 LIVE_FRAME_RATE = 30.0
@@ -24,7 +24,7 @@ class CaptureSource:
     """
 
     label: str
-    candidates: Iterable[Candidate]
+    candidates: Iterable[CandidateFrame]
 
     @classmethod
     def open(cls, source: str) -> "CaptureSource":
@@ -51,7 +51,7 @@ class CaptureSource:
         return cls(source, _of_images([str(path) for path in paths if path.suffix.lower() not in VIDEO_SUFFIXES]))
 
 
-def _of_images(paths: list[str]) -> Iterator[Candidate]:
+def _of_images(paths: list[str]) -> Iterator[CandidateFrame]:
     """Yield every image that can be read, as one of an interval of its own: the board was still when it was taken."""
     for index, path in enumerate(paths):
         try:

@@ -14,7 +14,7 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import ImageField
 from omnisight.models.pinhole import Pinhole
 from omnisight.rig import Rig
-from omnisight.sfm.reconstruction import Observations, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Reconstruction
 from omnisight.views import Remapper, perspective
 from omnisight.views.cube import CUBE_FACES
 from omnisight.views.maps import extrapolation_mask, resolution, view_map
@@ -137,7 +137,7 @@ def in_perspective_views(
 
 def _observations_in_views(
     reconstruction: Reconstruction, views: Sequence[Sequence[PerspectiveView]], first_image: NDArray[np.intp]
-) -> Observations:
+) -> PointObservations:
     """Return each observation in the first view that shows it; those outside all views are left out."""
     old = reconstruction.observations
     image, pixels, residuals = np.full(len(old), -1), np.full((len(old), 2), np.nan), np.full((len(old), 2), np.nan)
@@ -155,4 +155,4 @@ def _observations_in_views(
             image[chosen] = first_image[old.image[chosen]] + k
             pixels[chosen], residuals[chosen] = at[shown], model_at[shown] - at[shown]
     kept = image >= 0
-    return Observations(image[kept].astype(np.intp), old.point[kept], pixels[kept], residuals[kept])
+    return PointObservations(image[kept].astype(np.intp), old.point[kept], pixels[kept], residuals[kept])

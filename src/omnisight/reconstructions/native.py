@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from omnisight.formats.native import rig_from_json, rig_to_json
 from omnisight.geometry.pose import Pose
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile
-from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 
 TITLE = "omnisight reconstruction"
 CONVENTION = "rig_from_world [R | t], x_rig = rig_from_world x_world; integer pixel = pixel centre, top-left is (0, 0)"
@@ -158,7 +158,7 @@ def _reconstruction(text: Any, arrays: Mapping[str, NDArray[Any]]) -> Reconstruc
         rig_from_world=_poses(arrays["rig_from_world"]),
         pose_covariance=arrays["pose_covariance"],
         points=Points(arrays["position"], arrays["covariance"], arrays["color"]),
-        observations=Observations(
+        observations=PointObservations(
             arrays["image"].astype(np.intp), arrays["point"].astype(np.intp), arrays["pixels"], arrays["residuals"]
         ),
         has_scale=text["has_scale"] is True,

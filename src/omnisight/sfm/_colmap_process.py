@@ -1,7 +1,8 @@
 """Run COLMAP's mapper on bearings, in a process of its own: `python -m omnisight.sfm._colmap_process FOLDER`.
 
-The folder holds `problem.npz`, with the arrays of `Problem`. The process prints the number of registered images after
-each registration, and writes `poses.npz`. COLMAP aborts the process on many errors, and writes the reason to stderr.
+The folder holds `problem.npz`, with the arrays of `ColmapProblem`. The process prints the number of registered images
+after each registration, and writes `poses.npz`. COLMAP aborts the process on many errors, and writes the reason to
+stderr.
 """
 
 import importlib
@@ -21,7 +22,7 @@ MIN_MODEL_SIZE = 2
 SEED = 0
 
 
-class Problem(NamedTuple):
+class ColmapProblem(NamedTuple):
     """Keypoints and matches in COLMAP's terms.
 
     Attributes
@@ -68,7 +69,7 @@ def main(folder: Path) -> None:
     """Map the problem of a folder and write the poses."""
     pycolmap = importlib.import_module("pycolmap")
     with np.load(folder / "problem.npz") as arrays:
-        problem = Problem(**{name: arrays[name] for name in Problem._fields})
+        problem = ColmapProblem(**{name: arrays[name] for name in ColmapProblem._fields})
     file = folder / "database.db"
     write_database(pycolmap, problem, file)
     mapper = map_globally if problem.is_global else map_incrementally
@@ -82,7 +83,7 @@ def main(folder: Path) -> None:
     )
 
 
-def write_database(pycolmap: Any, problem: Problem, file: Path) -> None:
+def write_database(pycolmap: Any, problem: ColmapProblem, file: Path) -> None:
     """Write cameras, rigs, images, frames, keypoints and verified matches; numbers are indices plus one."""
     database = pycolmap.Database.open(file)
     width = int(problem.width)
@@ -109,7 +110,7 @@ def write_database(pycolmap: Any, problem: Problem, file: Path) -> None:
     database.close()
 
 
-def _rigs(pycolmap: Any, problem: Problem) -> Iterable[Any]:
+def _rigs(pycolmap: Any, problem: ColmapProblem) -> Iterable[Any]:
     """Return one rig of all sensors, whose first is its frame; without common frames, a rig of each sensor."""
     poses = problem.sensor_from_rig
     for reference in range(1 if problem.is_rig else len(poses)):
@@ -122,7 +123,7 @@ def _rigs(pycolmap: Any, problem: Problem) -> Iterable[Any]:
         yield rig
 
 
-def _write_edges(pycolmap: Any, problem: Problem, database: Any) -> None:
+def _write_edges(pycolmap: Any, problem: ColmapProblem, database: Any) -> None:
     """Write the matches of all edges as verified ones."""
     kinds = pycolmap.TwoViewGeometryConfiguration
     for edge, (a, b) in enumerate(problem.ends.tolist()):
@@ -165,7 +166,7 @@ def map_globally(pycolmap: Any, database: Path, folder: Path, threads: int) -> M
     return pycolmap.global_mapping(database, folder, folder, options)
 
 
-def read_poses(pycolmap: Any, problem: Problem, model: Any) -> Iterable[tuple[int, Array]]:
+def read_poses(pycolmap: Any, problem: ColmapProblem, model: Any) -> Iterable[tuple[int, Array]]:
     """Return frames and their rig_from_world (3, 4), in the unit of the rig if its sensors are apart."""
     scale = _scale(pycolmap, problem, model)
     for frame in model.frames.values():
@@ -177,7 +178,7 @@ def read_poses(pycolmap: Any, problem: Problem, model: Any) -> Iterable[tuple[in
         yield frame.frame_id - 1, _compose(_inverse(problem.sensor_from_rig[reference]), pose)
 
 
-def _scale(pycolmap: Any, problem: Problem, model: Any) -> float:
+def _scale(pycolmap: Any, problem: ColmapProblem, model: Any) -> float:
     """Return the distance of the sensor that is farthest from the first, over that in the model."""
     if not problem.is_rig or 1 not in model.rigs:
         return 1.0

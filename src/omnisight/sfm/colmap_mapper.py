@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.parallel import thread_count
-from omnisight.sfm._colmap_process import Problem
+from omnisight.sfm._colmap_process import ColmapProblem
 from omnisight.sfm.initial_poses import InitialPoses
 from omnisight.sfm.mapping import Map, Watch, refine_poses
 from omnisight.sfm.rig_images import RigImages
@@ -92,7 +92,7 @@ def colmap_poses(
     return sorted(models, key=lambda each: -len(each[0]))
 
 
-def _problem(images: RigImages, edges: Sequence[Edge], mapper: Mapper) -> Problem:
+def _problem(images: RigImages, edges: Sequence[Edge], mapper: Mapper) -> ColmapProblem:
     """Return keypoints and matches in COLMAP's terms: a pixel has the median standard deviation of the bearings."""
     # The axes have the length 1 / sigma.
     sigma = float(np.median(1.0 / np.maximum(np.linalg.norm(images.axes, axis=2), 1e-300)))
@@ -100,7 +100,7 @@ def _problem(images: RigImages, edges: Sequence[Edge], mapper: Mapper) -> Proble
     x, y, z = images.bearings.T
     longitude, latitude = np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))
     pixels = width * np.column_stack([longitude / (2 * np.pi) + 0.5, latitude / (2 * np.pi) + 0.25])
-    return Problem(
+    return ColmapProblem(
         width=np.array(width),
         pixels=pixels,
         offsets=images.offsets,

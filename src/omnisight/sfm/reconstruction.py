@@ -22,7 +22,7 @@ MIN_VERIFIED = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Observations(Displayed):
+class PointObservations(Displayed):
     """Observations of points in images.
 
     Attributes
@@ -47,10 +47,10 @@ class Observations(Displayed):
         """Return the number of observations."""
         return len(self.image)
 
-    def select(self, use: NDArray[Any]) -> "Observations":
+    def select(self, use: NDArray[Any]) -> "PointObservations":
         """Return the observations of a mask (M,) or of indices."""
         keypoint = None if self.keypoint is None else self.keypoint[use]
-        return Observations(self.image[use], self.point[use], self.pixels[use], self.residuals[use], keypoint)
+        return PointObservations(self.image[use], self.point[use], self.pixels[use], self.residuals[use], keypoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +116,7 @@ class Reconstruction(Displayed):
     rig_from_world: tuple[Pose, ...]
     pose_covariance: Array = field(repr=False)
     points: Points
-    observations: Observations
+    observations: PointObservations
     has_scale: bool = False
     origin: tuple[float, float, float] | None = None
 

@@ -12,7 +12,7 @@ from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig, Sensor
 from omnisight.sfm.mapping import Map
-from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 
 Array = NDArray[np.float64]
 Colors = NDArray[np.uint8]
@@ -59,7 +59,7 @@ def build_reconstruction(
         tuple(Pose.of_matrix(pose) for pose in found.rig_from_world),
         of_map.poses,
         Points(found.points, of_map.points, np.rint(mean).astype(np.uint8)),
-        Observations(image, tracks.track, pixels, _residuals(found, rig, pixels), tracks.keypoint),
+        PointObservations(image, tracks.track, pixels, _residuals(found, rig, pixels), tracks.keypoint),
         has_scale=found.has_scale,
         origin=origin if found.measured is not None else None,
     )

@@ -75,7 +75,7 @@ class ClipDetections:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateFrame:
     """A frame, the one before it, and how suitable it is.
 
     Attributes
@@ -145,7 +145,7 @@ def detect_in_clip(
     return ClipDetections(board, count, tuple(frames))
 
 
-def detect_in_frame(candidate: Candidate, board: Board) -> FrameDetections:
+def detect_in_frame(candidate: CandidateFrame, board: Board) -> FrameDetections:
     """Detect a board in one frame, as `detect_in_clip` does."""
     return _assigned(_search(candidate, board), board)
 
@@ -159,7 +159,7 @@ def _assigned(frame: _Searched, board: Board | None) -> FrameDetections:
     return FrameDetections(frame.index, boards, frame.motion, bool(frame.grids))
 
 
-def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> Iterator[Candidate]:
+def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> Iterator[CandidateFrame]:
     """Yield the sharpest and stillest frame of each interval of `interval` frames."""
     best, previous, previous_thumbnail = None, None, None
     for count, frame in enumerate(frames, 1):
@@ -167,7 +167,7 @@ def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> I
         thumbnail = _thumbnail(gray)
         score = _score(gray, thumbnail, previous_thumbnail)
         if best is None or score > best.score:
-            best = Candidate(frame, gray, previous, score)
+            best = CandidateFrame(frame, gray, previous, score)
         if count % interval == 0:
             yield best
             best = None
@@ -176,7 +176,7 @@ def best_of_intervals(frames: Iterable[Frame | CameraFrame], interval: int) -> I
         yield best
 
 
-def _search_in_threads(candidates: Iterator[Candidate], board: Board | None) -> list[_Searched]:
+def _search_in_threads(candidates: Iterator[CandidateFrame], board: Board | None) -> list[_Searched]:
     """Search frames while further ones are decoded, a few at a time."""
     workers = min(8, os.cpu_count() or 1)
     pending: deque[Future[_Searched]] = deque()
@@ -189,7 +189,7 @@ def _search_in_threads(candidates: Iterator[Candidate], board: Board | None) -> 
         return searched + [future.result() for future in pending]
 
 
-def _search(candidate: Candidate, board: Board | None) -> _Searched:
+def _search(candidate: CandidateFrame, board: Board | None) -> _Searched:
     """Detect grids or boards in a frame, reduced if it is large: selecting frames needs no exact corners."""
     gray, previous = candidate.gray, candidate.previous
     reduction = max(1.0, (gray.size / MAX_SEARCH_PIXELS) ** 0.5)

@@ -58,7 +58,7 @@ class MotionModel(Displayed):
 
 
 @dataclass(frozen=True, eq=False)
-class Selection:
+class MotionSelection:
     """The motion model, with the rotation or the homography (3, 4) if it is the best."""
 
     motion: MotionModel
@@ -66,7 +66,9 @@ class Selection:
     homography: Array | None = None
 
 
-def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions) -> Selection:
+def select_motion(
+    pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions
+) -> MotionSelection:
     """Select the motion model of pairs with known noise.
 
     The models are compared by the geometric robust information criterion (P. Torr, An assessment of information
@@ -88,7 +90,7 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
     if general.has_alternative_model:
-        return Selection(MotionModel("ambiguous", general.reason))
+        return MotionSelection(MotionModel("ambiguous", general.reason))
     if general.model is None:
         return _rotation_model(pairs, options)
     inliers = pairs[np.random.default_rng(options.seed).permutation(np.flatnonzero(general.inliers))]
@@ -108,13 +110,13 @@ def select_motion(pairs: BearingPairs, general: RobustEstimate, covariance: Arra
     parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
     ratio = float(np.sqrt(parallax.mean()))
     if ratio < MIN_PARALLAX_RATIO:
-        return Selection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
+        return MotionSelection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
     if criteria["dominant plane"] < criteria["general"]:
         share = np.mean(squares_of_plane <= THRESHOLDS[2])
-        return Selection(
+        return MotionSelection(
             MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None, homography
         )
-    return Selection(unknown_direction(covariance) or _planar_or_general(general.model, covariance))
+    return MotionSelection(unknown_direction(covariance) or _planar_or_general(general.model, covariance))
 
 
 def unknown_direction(covariance: Array) -> MotionModel | None:
@@ -182,7 +184,7 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
     return found.model, squared_residuals(problem, found.model)
 
 
-def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> Selection:
+def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> MotionSelection:
     """Return the rotation that explains the pairs best, and its motion model: "no overlap" if there is none."""
     from omnisight.twoview._alignment_problems_kernel import RotationProblem
 
@@ -192,12 +194,12 @@ def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> Selection:
         options=replace(options, max_iterations=MAX_ITERATIONS),
     )
     if rotation.model is None:
-        return Selection(MotionModel("no overlap", rotation.reason), rotation)
+        return MotionSelection(MotionModel("no overlap", rotation.reason), rotation)
     turned = pairs.a[rotation.inliers] @ rotation.model[:, :3].T
     chord = np.linalg.norm(turned - pairs.b[rotation.inliers], axis=1)
     parallax, noise = np.degrees(np.median(chord)), rotation.scale * np.degrees(np.sqrt(np.median(pairs.variance)))
     motion = MotionModel("rotation only", f"median parallax {parallax:.3f}°, noise {noise:.3f}° (1σ)")
-    return Selection(motion, rotation)
+    return MotionSelection(motion, rotation)
 
 
 def _planar_or_general(model: Array, covariance: Array) -> MotionModel:

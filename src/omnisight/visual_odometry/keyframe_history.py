@@ -30,7 +30,7 @@ MAX_PENDING = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class KeyframePlace:
     """A keyframe with keypoints.
 
     Attributes
@@ -126,7 +126,7 @@ class KeyframeHistory:
         number, origins, bearings, axes = self._rays[row]
         return FrameRays(number, self.points[number], *(values.astype(float) for values in (origins, bearings, axes)))
 
-    def places(self, first: int = 0) -> list[Place]:
+    def places(self, first: int = 0) -> list[KeyframePlace]:
         """Return the places from one on."""
         return [self._place(*each) for each in self._places[first:]]
 
@@ -149,7 +149,7 @@ class KeyframeHistory:
             found.append(replace(keypoints, descriptors=keypoints.descriptors.astype(np.float16)))
         return found
 
-    def _place(self, keyframe: int, detected: "Future[list[Keypoints]]", rig: Rig) -> Place:
+    def _place(self, keyframe: int, detected: "Future[list[Keypoints]]", rig: Rig) -> KeyframePlace:
         """Return a place with rays in the frame of the rig."""
         in_rig, origins = list[Keypoints](), list[Array]()
         for keypoints, sensor_from_rig in zip(detected.result(), rig.sensor_from_rig, strict=True):
@@ -161,7 +161,7 @@ class KeyframeHistory:
         joined = concatenate(in_rig)
         descriptors = joined.descriptors.astype(np.float32)
         descriptors /= np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1e-9)
-        return Place(keyframe, replace(joined, descriptors=descriptors), np.concatenate(origins))
+        return KeyframePlace(keyframe, replace(joined, descriptors=descriptors), np.concatenate(origins))
 
     def _reserve(self, count: int) -> None:
         """Make room for the points of a number of patches."""

@@ -15,7 +15,7 @@ from omnisight.places import PlaceIndex
 from omnisight.places.verification import agreeing_directions
 from omnisight.twoview.bearing_pairs import isotropic_variance
 from omnisight.twoview.triangulation import triangulate, whitening
-from omnisight.visual_odometry.keyframe_history import KeyframeHistory, Place
+from omnisight.visual_odometry.keyframe_history import KeyframeHistory, KeyframePlace
 from omnisight.visual_odometry.loop_result import Loop
 
 Array = NDArray[np.float64]
@@ -43,7 +43,7 @@ SEARCH = RansacOptions(max_iterations=2000)
 
 
 @dataclass(frozen=True, eq=False)
-class MappedPlace(Place):
+class MappedPlace(KeyframePlace):
     """A place with the points of its keypoints.
 
     Attributes
@@ -56,7 +56,7 @@ class MappedPlace(Place):
     covariance: Array
 
     @classmethod
-    def of(cls, place: Place) -> Self:
+    def of(cls, place: KeyframePlace) -> Self:
         """Return a place without points."""
         count = len(place.keypoints)
         return cls(

@@ -22,7 +22,7 @@ from omnisight.calibration.rigs.no_overlap import connect_by_motion, with_own_bo
 from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.refinement import refine_robustly
-from omnisight.calibration.rigs.relative_poses import Pair, RelativePose
+from omnisight.calibration.rigs.relative_poses import Pair, PairPose
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.rigid_sets import RigidSets, rigid_sets
 from omnisight.calibration.rigs.sightings import Sightings
@@ -58,7 +58,7 @@ class Unconnected(ValueError):
         self,
         components: Sequence[Sequence[str]],
         observations: RigObservations,
-        pairs: Mapping[Pair, RelativePose],
+        pairs: Mapping[Pair, PairPose],
         mirrored: Sequence[int],
     ) -> None:
         self.components, self.observations, self.pairs, self.mirrored = components, observations, pairs, mirrored
@@ -98,7 +98,7 @@ class RigEstimate(Displayed):
     problem: RigBundle
     state: RigState
     covariance: RigCovariance
-    pairs: Mapping[Pair, RelativePose]
+    pairs: Mapping[Pair, PairPose]
     tree: tuple[Pair, ...]
     deviations: list[Deviations]
     inflation: float
@@ -182,7 +182,7 @@ def _connected(
     states: Sequence[State],
     free_parameters: RigFreeParameters,
     symmetric: Sequence[bool],
-) -> tuple[InitialRig, RigidSets, RigFreeParameters, Mapping[Pair, RelativePose], Sequence[Pair]]:
+) -> tuple[InitialRig, RigidSets, RigFreeParameters, Mapping[Pair, PairPose], Sequence[Pair]]:
     """Return the initial values of a rig, and what connects it: by common boards, or else by motion."""
     rigid, warps, cameras = rigid_sets(observations, states, symmetric), free_parameters.warps, len(observations.names)
     grouped, sightings, pairs = _related(observations, states, rigid, symmetric)
@@ -214,7 +214,7 @@ def _connected(
 
 def _related(
     observations: RigObservations, states: Sequence[State], rigid: RigidSets, symmetric: Sequence[bool]
-) -> tuple[RigObservations, list[Sightings], dict[Pair, RelativePose]]:
+) -> tuple[RigObservations, list[Sightings], dict[Pair, PairPose]]:
     """Return the observations by rigid sets of boards, what each camera sees, and the relative poses of the cameras."""
     grouped = observations.with_rigid_sets(rigid.sets)
     cameras = range(len(observations.names))

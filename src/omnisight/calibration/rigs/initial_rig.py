@@ -11,8 +11,8 @@ from omnisight.calibration.rigs.poses import Poses
 from omnisight.calibration.rigs.relative_poses import (
     MIN_AGREEING_SHARE,
     Pair,
-    RelativePose,
-    estimate_relative_pose,
+    PairPose,
+    estimate_pair_pose,
 )
 from omnisight.calibration.rigs.rigid_sets import RigidSets
 from omnisight.calibration.rigs.sightings import Sightings, half_turn
@@ -48,14 +48,14 @@ class InitialRig:
     units: tuple[Indices, ...]
 
 
-def relative_poses(sightings: Sequence[Sightings]) -> dict[Pair, RelativePose]:
+def relative_poses(sightings: Sequence[Sightings]) -> dict[Pair, PairPose]:
     """Return the relative pose of each pair of cameras (a, b) that observe a group together."""
     pairs = [(a, b) for a in range(len(sightings)) for b in range(a + 1, len(sightings))]
-    found = {pair: estimate_relative_pose(sightings[pair[0]], sightings[pair[1]]) for pair in pairs}
+    found = {pair: estimate_pair_pose(sightings[pair[0]], sightings[pair[1]]) for pair in pairs}
     return {pair: pose for pair, pose in found.items() if pose is not None}
 
 
-def spanning_tree(pairs: Mapping[Pair, RelativePose], cameras: int) -> tuple[list[Pair], list[set[int]]]:
+def spanning_tree(pairs: Mapping[Pair, PairPose], cameras: int) -> tuple[list[Pair], list[set[int]]]:
     """Return the maximum spanning forest of the pairs by agreeing views (Kruskal), and its connected cameras.
 
     Pairs on which fewer than `MIN_AGREEING_SHARE` of the views agree connect nothing.
@@ -71,7 +71,7 @@ def spanning_tree(pairs: Mapping[Pair, RelativePose], cameras: int) -> tuple[lis
     return tree, components
 
 
-def is_reliable(pair: RelativePose) -> bool:
+def is_reliable(pair: PairPose) -> bool:
     """Return whether enough views agree on the relative pose of a pair."""
     # A view always agrees with the pose that it proposed.
     others = len(pair.groups) - 1
@@ -83,7 +83,7 @@ def initial_rig(
     states: Sequence[State],
     sightings: Sequence[Sightings],
     rigid: RigidSets,
-    pairs: Mapping[Pair, RelativePose],
+    pairs: Mapping[Pair, PairPose],
     tree: Sequence[Pair],
 ) -> InitialRig:
     """Return the initial values of a rig of connected cameras.
@@ -152,7 +152,7 @@ def _turned_state(state: State, part: RigPart, views: Bools) -> State:
 
 
 def _group_poses(
-    sightings: Sequence[Sightings], sensors: Poses, pairs: Mapping[Pair, RelativePose], count: int
+    sightings: Sequence[Sightings], sensors: Poses, pairs: Mapping[Pair, PairPose], count: int
 ) -> tuple[Poses, Bools]:
     """Return rig_from_group of every group, and (C, G) which cameras contradict the pose of each group.
 

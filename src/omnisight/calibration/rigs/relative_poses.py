@@ -28,7 +28,7 @@ MAX_PROPOSALS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class RelativePose(Displayed):
+class PairPose(Displayed):
     """The relative pose of two cameras.
 
     Attributes
@@ -57,7 +57,7 @@ class RelativePose(Displayed):
         return int(self.agrees.sum())
 
 
-def estimate_relative_pose(a: Sightings, b: Sightings) -> RelativePose | None:
+def estimate_pair_pose(a: Sightings, b: Sightings) -> PairPose | None:
     """Estimate the relative pose of two cameras from the groups that both observe; None if there are none.
 
     Every common group proposes cam_b_from_group @ group_from_cam_a, for a symmetric board also with half a turn in
@@ -89,4 +89,4 @@ def estimate_relative_pose(a: Sightings, b: Sightings) -> RelativePose | None:
     scale = max(b.size) / 1000
     allowed = scale * np.clip(MAX_RESIDUAL_RATIO * score / scale, MIN_RESIDUAL_PX, MAX_RESIDUAL_PX)
     least = residuals.min(0)
-    return RelativePose(pose, groups, least <= allowed, residuals.argmin(0) == 1, least)
+    return PairPose(pose, groups, least <= allowed, residuals.argmin(0) == 1, least)

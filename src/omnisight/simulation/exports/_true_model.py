@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.geometry.pose import Pose
 from omnisight.reconstructions import ExportOptions, get_reconstruction_format
 from omnisight.rig import Rig
-from omnisight.sfm.reconstruction import Observations, Points, Reconstruction
+from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 from omnisight.simulation.dataset import MountedCamera
 from omnisight.simulation.exports._protocol import SimulatedSequence
 
@@ -47,7 +47,7 @@ def true_model(sequence: SimulatedSequence) -> Reconstruction:
         rig_from_world=tuple(sequence.world_from_rig(i).inverse() for i in range(len(sequence.times))),
         pose_covariance=np.zeros((len(sequence.times), 6, 6)),
         points=Points(positions[kept], np.zeros((int(kept.sum()), 3, 3)), colors[kept]),
-        observations=Observations(np.concatenate(images)[used], index[point[used]], seen, np.zeros_like(seen)),
+        observations=PointObservations(np.concatenate(images)[used], index[point[used]], seen, np.zeros_like(seen)),
         has_scale=True,
     )
 
@@ -63,7 +63,7 @@ def check_format(name: str, cameras: Sequence[MountedCamera]) -> None:
     rig, none = _rig(cameras), np.zeros(0, np.intp)
     count = np.arange(len(rig))
     points = Points(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), np.uint8))
-    observations = Observations(none, none, np.zeros((0, 2)), np.zeros((0, 2)))
+    observations = PointObservations(none, none, np.zeros((0, 2)), np.zeros((0, 2)))
     empty = Reconstruction(
         rig, rig.names, count, 0 * count, (Pose(),), np.zeros((1, 6, 6)), points, observations, has_scale=True
     )
