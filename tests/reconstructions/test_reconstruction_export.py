@@ -121,6 +121,13 @@ def test_the_command_writes_the_files_and_prints_where(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["files"] == [str(tmp_path / "out" / "model.glb")]
 
 
+def test_the_command_writes_a_viewer_to_a_new_folder(tmp_path, capsys):
+    write_reconstruction(tmp_path / "model", single())
+    assert run(tmp_path / "model", "--to", "viewer", "-o", tmp_path / "new" / "out") == 0
+    assert "HTML viewer" in capsys.readouterr().out
+    assert "<canvas" in (tmp_path / "new" / "out" / "viewer.html").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -129,6 +136,7 @@ def test_the_command_writes_the_files_and_prints_where(tmp_path, capsys):
             "unknown format 'obj'; there are: ffmpeg",
         ),
         (("none", "--to", "ply"), "no such folder"),
+        (("none", "--to", "viewer", "--images", "photos"), "photos: no such folder"),
     ],
 )
 def test_the_command_refuses_what_it_cannot_do(tmp_path, capsys, monkeypatch, arguments, message):
