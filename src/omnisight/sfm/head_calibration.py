@@ -19,6 +19,7 @@ from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.optim.loss import NORMAL_MEDIAN, robust_sigma
 from omnisight.sfm.head_matches import OverlapMatches, best_rotation, detect_in_lenses, match_frames, match_overlap
 from omnisight.sfm.head_problem import (
+    CAUCHY_SIGMA,
     K1_MEAN,
     K1_SIGMA,
     K2_SIGMA,
@@ -92,9 +93,7 @@ def calibrate_head(
             f"only {int(inliers.sum())} of {len(overlap)} matches at the rims agree with a rotation, at least"
             f" {MIN_OVERLAP_MATCHES} are needed"
         )
-        return HeadCalibration(
-            cameras, rotation, np.full((OVERLAP_PARAMETERS,) * 2, np.nan), int(inliers.sum()), np.nan, (), reason
-        )
+        return HeadCalibration(cameras, rotation, UNKNOWN, int(inliers.sum()), np.nan, (), reason)
     overlap = overlap.select(inliers)
     motions = _motions(keypoints, cameras, rotation)
     sigmas = (fields[0].center_sigma, fields[1].center_sigma)
