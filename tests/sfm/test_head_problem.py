@@ -11,6 +11,7 @@ from omnisight.images.ellipse import Ellipse
 from omnisight.images.image_field import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.pipeline.stitch_inputs import _common_circle
+from omnisight.sfm.head_calibration import _solve
 from omnisight.sfm.head_matches import OverlapMatches
 from omnisight.sfm.head_problem import HeadProblem
 
@@ -44,3 +45,20 @@ def test_a_circle_that_glare_enlarges_is_replaced_by_one_of_uncertain_centre():
     assert second.circle.radius == pytest.approx(600.0)
     assert second.circle.centre == (CENTRE, CENTRE)
     assert second.center_sigma == pytest.approx(3 * first.center_sigma)
+
+
+@pytest.mark.parametrize("near_share", [0.0, 0.9])
+def test_the_uncertainty_of_lenses_of_a_head_at_rest_contains_the_effect_of_parallax(near_share):
+    true = Camera(KannalaBrandt(505.0, 505.0, CENTRE, CENTRE, -0.094, 0.0034, 0.0, 0.0), (SIZE, SIZE))
+    rng, count = np.random.default_rng(1), 100
+    theta, phi = np.radians(rng.uniform(80, 100, count)), rng.uniform(0, 2 * np.pi, count)
+    front = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
+    # The ground, below, is 1 m away, and the lenses are 5 cm apart.
+    near = (front[:, 1] > 0.3) & (rng.random(count) < near_share)
+    back = (front * np.where(near, 1.0, 1e3)[:, None] + [0, 0, 0.05]) @ BACK_FROM_FRONT.T
+    first, other = (true.project(x)[0] + rng.normal(scale=0.3, size=(count, 2)) for x in (front, back))
+    guess = Camera(KannalaBrandt(420.0, 420.0, CENTRE, CENTRE, -0.02, 0.0, 0.0, 0.0), (SIZE, SIZE))
+    overlap = OverlapMatches(first, other, np.zeros(count, np.intp))
+    found = _solve(HeadProblem((guess, guess), (4.0, 4.0), BACK_FROM_FRONT, overlap, [], 0.01, 3e-3), 1)
+    error = np.log(found.cameras[0].model.fx / true.model.fx)
+    assert 0.0 < abs(error) < 3 * np.sqrt(found.covariance[0, 0])
