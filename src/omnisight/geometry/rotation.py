@@ -36,18 +36,20 @@ def log(rotations: ArrayLike) -> Array:
     """Return the rotation vectors (..., 3), of length at most pi, of rotations (..., 3, 3)."""
     r = np.asarray(rotations, float)
     axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
-    sine = np.linalg.norm(axis, axis=-1)
-    angle = np.arctan2(sine, (np.trace(r, axis1=-2, axis2=-1) - 1) / 2)
+    sine = np.sqrt((axis * axis).sum(-1))
+    angle = np.arctan2(sine, (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1) / 2)
+    vector = axis * (angle / np.where(sine > 0, sine, 1.0))[..., None]
+    is_small_sine = sine <= 1e-7
+    if not is_small_sine.any():
+        return vector
     # Near pi the antisymmetric part vanishes: the axis is then the largest column of (R + R^T)/2 + I.
     symmetric = (r + np.swapaxes(r, -1, -2)) / 2 + np.eye(3)
     largest = np.argmax(np.diagonal(symmetric, axis1=-2, axis2=-1), -1)
     column = np.take_along_axis(symmetric, largest[..., None, None], -1)[..., 0]
     column = column / np.linalg.norm(column, axis=-1, keepdims=True)
     column *= np.where((column * axis).sum(-1, keepdims=True) < 0, -1.0, 1.0)
-    safe = np.where(sine > 1e-7, sine, 1.0)[..., None]
-    direction = np.where((sine > 1e-7)[..., None], axis / safe, np.where((angle > 1)[..., None], column, 0.0))
-    small = ((sine <= 1e-7) & (angle <= 1))[..., None]
-    return np.where(small, axis, direction * angle[..., None])
+    near = np.where((angle > 1)[..., None], column * angle[..., None], axis)
+    return np.where(is_small_sine[..., None], near, vector)
 
 
 def quaternions(rotations: ArrayLike) -> Array:

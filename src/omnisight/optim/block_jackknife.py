@@ -44,46 +44,11 @@ def measured_variance_ratio(problem: Any, model: Array, positions: Array) -> flo
     positions
         (N, K) vectors by whose distance observations are neighbours.
     """
+    from omnisight.optim._block_jackknife_kernel import deletion_variance
     from omnisight.optim._robust_problem_kernel import linearized
 
     residuals, jacobians = linearized(problem, model)
-    possible = np.isfinite(residuals).all(axis=1)
-    residuals, jacobians, positions = residuals[possible], jacobians[possible], positions[possible]
-    parameters = jacobians.shape[2]
-    if len(residuals) <= parameters * 2**HALVINGS // residuals.shape[1]:
+    _, dimension, parameters = jacobians.shape
+    if np.isfinite(residuals[:, 0]).sum() <= parameters * 2**HALVINGS // dimension:
         return 1.0
-    order, starts = _blocks(positions)
-    j = jacobians[order] @ _whitening(jacobians.reshape(-1, parameters))
-    gradients = np.add.reduceat(np.einsum("nd,ndp->np", residuals[order], j), starts)
-    informations = np.add.reduceat(np.einsum("ndp,ndq->npq", j, j), starts)
-    deviations = _deviations(gradients, informations)
-    return float((deviations**2).sum()) * (1 - 1 / len(deviations)) / parameters
-
-
-def _whitening(jacobian: Array) -> Array:
-    """Return the matrix (P, P) that turns derivatives (M, P) into those by a step whose covariance is the identity."""
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    return np.asarray(vectors / np.sqrt(np.maximum(values, np.finfo(float).eps * values[-1])), float)
-
-
-def _blocks(positions: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return an order of observations in 2^HALVINGS blocks of neighbours, and where each block starts.
-
-    They are halved across the axis of the largest extent.
-    """
-    from scipy.spatial import KDTree  # slow to import
-
-    sizes = [len(positions)]
-    for _ in range(HALVINGS):
-        sizes = [part for size in sizes for part in (size // 2, size - size // 2)]
-    tree = KDTree(positions, leafsize=max(sizes))
-    return tree.indices, np.cumsum([0, *sizes[:-1]])
-
-
-def _deviations(gradients: Array, informations: Array) -> Array:
-    """Return the changes (B, P) of the estimate if each of B blocks is deleted; the sum of informations is I."""
-    values, vectors = np.linalg.eigh(np.eye(gradients.shape[1]) - informations)
-    along = np.einsum("bpk,bp->bk", vectors, gradients)
-    # What only one block determines has no change.
-    changes = np.divide(along, values, out=np.zeros_like(along), where=values > np.finfo(float).eps)
-    return np.einsum("bpk,bk->bp", vectors, changes)
+    return float(deletion_variance(residuals, jacobians, np.ascontiguousarray(positions), HALVINGS))
