@@ -35,6 +35,15 @@ def test_the_last_folder_of_a_path_determines_the_camera(tmp_path):
     assert files.names == ["back/1.jpg", "left/1.jpg"]
 
 
+@pytest.mark.parametrize("cameras", [("left", "front_left", "front"), ("front", "front_left", "left")])
+def test_the_longest_name_of_a_camera_is_used(tmp_path, cameras):
+    names = ["front/1.jpg", "front_left/1.jpg", "left/1.jpg", "front_left_2.jpg"]
+    files = image_set(folder_of(tmp_path, names), cameras)
+    found = {name: cameras[k] for name, k in zip(files.names, files.camera, strict=True)}
+    assert found == {name: name.removesuffix(".jpg").removesuffix("/1").removesuffix("_2") for name in files.names}
+    assert len(found) > 0
+
+
 def test_images_without_a_camera_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"frontal_1.jpg: belongs to none of the cameras front, back"):
         image_set(folder_of(tmp_path, ["frontal_1.jpg", "back_1.jpg"]), ["front", "back"])

@@ -45,6 +45,31 @@ def test_files_may_come_in_any_order(run, folder):
     np.testing.assert_array_equal(om.read_image(folder / "top0.png"), om.read_image(folder / "top1.png"))
 
 
+def test_folders_name_the_cameras_of_images(run, folder):
+    for name, image in car.images().items():
+        (folder / name / "images").mkdir(parents=True)
+        (folder / name / "depth").mkdir()
+        for file in ("0001.png", "images/0001.png"):
+            om.write_image(folder / name / file, image)
+        om.write_image(folder / name / "vignette.png", np.full((360, 480), 255, np.uint8))
+    rig = ("--rig", folder / "rig.json", *SMALL)
+    expected = om.read_image(_view(run, arguments(folder), folder / "top.png"))
+    images = [folder / name / "0001.png" for name in car.RIG.names]
+    np.testing.assert_array_equal(om.read_image(_view(run, ("birdseye", *images, *rig), folder / "a.png")), expected)
+    # Folders as omnisight simulate writes them: only those of the images are used.
+    data_set = [folder / name for name in car.RIG.names]
+    views = sorted(_view(run, ("birdseye", *data_set, *rig), folder / "views").iterdir())
+    assert len(views) == 1
+    np.testing.assert_array_equal(om.read_image(views[0]), expected)
+
+
+def _view(run, given, output):
+    """Run a command and return its output."""
+    status, _, err = run(*given, "-o", output)
+    assert status == 0, err
+    return output
+
+
 def test_a_layout_calibrates_the_rig_which_is_saved(run, tmp_path):
     car.write(tmp_path, "squares")
     layout = {"square": f"{car.SQUARE}m", "squares": car.LAYOUT.squares}
@@ -124,7 +149,7 @@ def test_invalid_input(run, folder):
     (folder / "bad.json").write_text(json.dumps({"marks": {"front": [{"pixel": [1, 2]}]}}))
     cases = (
         ((front, *rest[:2], *rig, *output), "no image of camera left"),
-        ((front, folder / "roof.png", *rig, *output), "has the name of no camera"),
+        ((front, folder / "roof.png", *rig, *output), "belongs to none of the cameras"),
         ((front, front, *rest, *rig, *output), "both of camera front"),
         ((front, *rest, *rig, "-o", front), "would be overwritten"),
         ((front, *rest, *rig, "-o", folder / "top.mp4"), "an image"),

@@ -31,7 +31,8 @@ def birdseye(
     Parameters
     ----------
     images
-        One image, folder or clip for each camera, with its name: front.png, left_017.jpg, back/, right.mp4.
+        One image, folder or clip for each camera, with its name in the path: front.png, left_017.jpg, back/0001.png,
+        back/, right.mp4.
     rig
         File of the rig.
     output

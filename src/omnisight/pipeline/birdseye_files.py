@@ -57,7 +57,7 @@ def write_birdseye(
     Parameters
     ----------
     sources
-        One image, folder or clip for each camera, with its name.
+        One image, folder or clip for each camera, with its name in the path.
     rig
         File of the rig.
     output

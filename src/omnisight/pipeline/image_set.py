@@ -75,7 +75,7 @@ def image_set(
         If there are no images, one belongs to no camera, or none of a rig were taken at the same time.
     """
     inputs = [images] if isinstance(images, str | PathLike) else list(images)
-    paths = collect_images([folder for item in inputs for folder in _folders(Path(item), cameras)])
+    paths = collect_images([folder for item in inputs for folder in image_folders(Path(item), cameras)])
     absolute = [os.path.abspath(path) for path in paths]
     is_folder = len(inputs) == 1 and Path(inputs[0]).is_dir()
     parent = os.path.abspath(inputs[0]) if is_folder else os.path.commonpath([os.path.dirname(p) for p in absolute])
@@ -88,7 +88,7 @@ def assign_images(paths: list[Path], names: list[str], cameras: Sequence[str], *
     alone = np.arange(len(paths))
     if not cameras:
         return ImageSet(paths, names, np.zeros(len(paths), np.intp), alone)
-    camera = np.array([_camera_of(path, cameras) for path in paths], np.intp)
+    camera = np.array([camera_of(path, cameras) for path in paths], np.intp)
     if not is_rig:
         return ImageSet(paths, names, camera, alone)
     keys = [_without(name, cameras[int(k)]) for name, k in zip(names, camera, strict=True)]
@@ -96,7 +96,7 @@ def assign_images(paths: list[Path], names: list[str], cameras: Sequence[str], *
     return ImageSet(paths, names, camera, frame, rule)
 
 
-def _folders(item: Path, cameras: Sequence[str]) -> list[Path]:
+def image_folders(item: Path, cameras: Sequence[str] = ()) -> list[Path]:
     """Return an input; for a data set its folders of images; for a folder of no images its sub-folders with images."""
     of_cameras = [item / name / IMAGES for name in cameras]
     if of_cameras and all(folder.is_dir() for folder in of_cameras):
@@ -112,17 +112,23 @@ def _has_images(folder: Path) -> bool:
     return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
 
 
-def _camera_of(path: Path, cameras: Sequence[str]) -> int:
-    """Return the camera whose name is nearest to the end of a path."""
-    name_ends = [
-        max((match.end() for match in _words(path.with_suffix("").as_posix(), name)), default=-1) for name in cameras
-    ]
-    if max(name_ends) < 0:
+def camera_of(path: Path, cameras: Sequence[str]) -> int:
+    """Return the camera whose name is nearest to the end of a path, the longest of those that end there.
+
+    Raises
+    ------
+    ValueError
+        If the path contains the name of no camera as a whole word.
+    """
+    text = (path if path.is_dir() else path.with_suffix("")).as_posix()
+    ends = [(max((match.end() for match in _words(text, name)), default=-1), len(name)) for name in cameras]
+    last = max(ends)
+    if last[0] < 0:
         example = f"{cameras[0]}/1.jpg or {cameras[0]}_1.jpg"
         raise ValueError(
             f"{path}: belongs to none of the cameras {', '.join(cameras)}: name it like {example}, or leave it out"
         )
-    return int(np.argmax(name_ends))
+    return ends.index(last)
 
 
 def _words(text: str, name: str) -> Iterable[re.Match[str]]:

@@ -1,6 +1,5 @@
 """The images, folders or clips of a rig, one for each camera."""
 
-import re
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import VIDEO_SUFFIXES, Clip, collect_images, read_image
 from omnisight.parallel import prefetch
+from omnisight.pipeline.image_set import camera_of, image_folders
 
 Image = NDArray[Any]
 # Frames per second of a video of folders.
@@ -17,7 +17,7 @@ FOLDER_FPS = 30.0
 
 
 def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
-    """Return the source of each camera: the file or folder that has its name, alone or as a word (front_017.jpg).
+    """Return the source of each camera: the file, folder or clip whose path has its name; see `camera_of`.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
     """
     found: dict[str, list[Path]] = {name: [] for name in names}
     for source in sources:
-        found[match_camera(source, names)].append(source)
+        found[names[camera_of(source, names)]].append(source)
     for name, of_camera in found.items():
         if len(of_camera) > 1:
             raise ValueError(f"{of_camera[0]} and {of_camera[1]} are both of camera {name}: specify one, or folders")
@@ -44,31 +44,10 @@ def check_order(sources: Sequence[Any], names: Sequence[str]) -> None:
     found: list[str] = []
     for source in sources:
         with suppress(ValueError, TypeError):  # arrays, and files that are not named after cameras
-            found.append(match_camera(Path(source), names))
+            found.append(names[camera_of(Path(source), names)])
     if found != list(names) and sorted(found) == sorted(names):
         order, expected = (", ".join(each) for each in (found, names))
         raise ValueError(f"the images are in the order {order}, and the cameras of the rig in the order {expected}")
-
-
-def match_camera(source: Path, names: Sequence[str]) -> str:
-    """Return the name of the camera that a file or folder has as its name, or as a word in it.
-
-    Raises
-    ------
-    ValueError
-        If there is no such camera, or several.
-    """
-    stem = source.name if source.is_dir() else source.stem
-    exact = [name for name in names if name.casefold() == stem.casefold()]
-    words = [name for name in names if re.search(rf"(?<![^\W_]){re.escape(name)}(?![^\W_])", stem, re.IGNORECASE)]
-    matches = exact or words
-    if len(matches) != 1:
-        problem = "no camera" if not matches else " and ".join(matches)
-        raise ValueError(
-            f"{source}: has the name of {problem}; name images, folders and clips after the cameras of the rig:"
-            f" {', '.join(names)}"
-        )
-    return matches[0]
 
 
 def is_sequence(source: Path) -> bool:
@@ -90,7 +69,7 @@ def frame_count(sources: Sequence[Path]) -> int:
     counts: dict[Path, int] = {}
     for source in sources:
         if source.is_dir():
-            counts[source] = len(collect_images([source]))
+            counts[source] = len(collect_images(image_folders(source)))
         else:
             counts[source] = 1 if source in single else Clip.open(source).declared_frames or 0
     folders = {path: count for path, count in counts.items() if path.is_dir()}
@@ -107,7 +86,7 @@ def frames(source: Path, apply_exif: bool) -> Generator[tuple[Image, float]]:
             for frame in decoded:
                 yield frame.image, frame.seconds
         return
-    for k, path in enumerate(collect_images([source])):
+    for k, path in enumerate(collect_images(image_folders(source))):
         yield read_image(path, apply_exif=apply_exif), k / FOLDER_FPS
 
 

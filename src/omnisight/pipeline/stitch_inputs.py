@@ -22,7 +22,7 @@ from omnisight.images import (
 )
 from omnisight.images.image_field import ImageField
 from omnisight.parallel import prefetch
-from omnisight.pipeline.image_set import ImageSet, image_set
+from omnisight.pipeline.image_set import ImageSet, image_folders, image_set
 from omnisight.sfm.head_problem import LensField
 
 Bytes = NDArray[np.uint8]
@@ -136,7 +136,7 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
         found = image_set(str(images[0]), names or HEAD_NAMES, is_rig=True)
         return frames_of_folder(found, images[0], names or HEAD_NAMES)
     if all(is_folder):
-        return frames_of_folders(images, [collect_images([str(folder)]) for folder in images])
+        return frames_of_folders(images, [collect_images(image_folders(folder)) for folder in paths if folder])
     clips = [path is not None and path.suffix.lower() in VIDEO_SUFFIXES for path in paths]
     if any(clips) and not all(clips):
         raise ValueError("specify images or clips of all lenses, not both")
