@@ -10,6 +10,7 @@ import pytest
 import omnisight as om
 import rendered_car as car
 from clips import write_clip
+from jpegs import jpeg
 from omnisight.images import Clip
 from omnisight.simulation import BoardInScene, Renderer, Scene, Texture
 
@@ -68,6 +69,35 @@ def _view(run, given, output):
     status, _, err = run(*given, "-o", output)
     assert status == 0, err
     return output
+
+
+def test_one_camera(run, folder):
+    camera, pose = car.RIG.cameras[0], car.RIG.sensor_from_rig[0]
+    om.save(om.Rig.from_sensors({"front": (camera, pose)}), folder / "one.json")
+    om.save(camera, folder / "camera.json")
+    (folder / "front.png").rename(folder / "image.png")
+    given = ("birdseye", folder / "image.png", *SMALL)
+    views = []
+    for extra in (("one.json",), ("camera.json", "--height", "0.65m", "--pitch", "-20")):
+        output = _view(run, (*given, "--rig", folder / extra[0], *extra[1:]), folder / "top.png")
+        views.append(om.read_image(output).astype(int))
+    assert 0.3 < views[0].any(axis=2).mean() < 0.7
+    np.testing.assert_allclose(views[1], views[0], atol=1)
+    status, _, err = run(*given, "--rig", folder / "camera.json", "-o", folder / "top.png")
+    assert status == 2
+    assert "the height of the rig is unknown" in err
+
+
+def test_images_are_rotated_by_their_orientation(run, folder):
+    expected = om.read_image(_view(run, arguments(folder), folder / "top.png")).astype(int)
+    for name, image in car.images().items():
+        # EXIF orientation 6: rotated clockwise by 90 degrees for display.
+        (folder / f"{name}.png").write_bytes(jpeg(np.rot90(image)[..., ::-1], 6))
+    status, _, err = run(*arguments(folder), "-o", folder / "top.png")
+    assert status == 2
+    assert "--apply-exif" in err
+    found = om.read_image(_view(run, (*arguments(folder), "--apply-exif"), folder / "top.png")).astype(int)
+    assert np.abs(found - expected).mean() < 3
 
 
 def test_a_layout_calibrates_the_rig_which_is_saved(run, tmp_path):
@@ -133,6 +163,8 @@ def test_masks_and_vehicles(run, folder):
     assert shares[2] > shares[0] > shares[3]
     for extra, message in (
         (("--vehicle", "4.5x1.8"), "LENGTHxWIDTH with units"),
+        (("--vehicle", "100mx100m"), "the vehicle covers the whole view of front"),
+        (("--vehicle", folder / "front.png"), "must have the size of the image or view that it masks, 150 x 211 px"),
         (("--masks", folder / "nowhere"), "is no folder"),
     ):
         status, _, err = run(*given, *extra, "-o", folder / "top.png")
@@ -163,6 +195,7 @@ def test_invalid_input(run, folder):
         ((front, *rest, *rig, *output, "--ground", folder / "bad.json"), "marks must be"),
         ((front, *rest, *rig, *output, "--ground", folder / "none.json"), "no such file or folder"),
         ((front, *rest, *rig, *output, "--pixel", "1um"), "px per side"),
+        ((front, *rest, *rig, *output, "--pixel", "20m"), "for 2 to 16384 px per side"),
         ((front, *rest, *rig, *output, "--pixel", "2"), "no unit"),
         ((front, *rest, *rig, *output, "--ground-board", front, "--square", "30mm"), "no board was detected"),
     )
@@ -193,6 +226,10 @@ def test_a_board_on_the_ground_determines_the_height(run, folder):
     status, _, err = run(*arguments(folder), *given)
     assert status == 2
     assert "--square" in err
+    image.write_bytes(jpeg(np.rot90(om.read_image(image))[..., ::-1], 6))
+    status, out, err = run(*arguments(folder), *given, "--square", "200mm", "--apply-exif")
+    assert status == 0, err
+    assert json.loads(out)["cameras"][0]["height_m"] == pytest.approx(0.65, abs=0.01)
 
 
 def car_cloth():

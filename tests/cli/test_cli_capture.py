@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from clips import BOARD, POSE_COUNT, SETUP, rendered_clip, write_clip
+from clips import BOARD, POSE_COUNT, SETUP, rendered_clip, with_rotation, write_clip
+from jpegs import jpeg
 from omnisight.pipeline.capture import capture
+from omnisight.pipeline.capture_source import CaptureSource
 from omnisight.report.live.server import LivePage
 from omnisight.targets.target_file import save_board
 
@@ -28,6 +30,19 @@ def scene(tmp_path_factory):
 
 def arguments(scene, *more):
     return "capture", scene / "clip.avi", "--target", scene / "board.json", "-o", "images", *more
+
+
+def test_images_and_clips_are_rotated_as_they_specify(tmp_path):
+    stored = [np.ascontiguousarray(np.rot90(frame)) for frame in rendered_clip()[0][:6]]
+    clip = with_rotation(write_clip(tmp_path / "clip.mp4", stored, "mp4v"))
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "1.jpg").write_bytes(jpeg(stored[0][..., ::-1], 6))
+    shape = stored[0].shape[1::-1]
+    for source in (clip, tmp_path / "images"):
+        for apply_exif, expected in ((False, shape[::-1]), (True, shape)):
+            candidates = list(CaptureSource.open(str(source), apply_exif=apply_exif).candidates)
+            assert len(candidates) > 0
+            assert candidates[0].frame.image.shape[:2] == expected
 
 
 class Camera:

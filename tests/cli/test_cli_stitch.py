@@ -1,11 +1,13 @@
 """`omnisight stitch` and `om.stitch`, against the sphere that the renderer sees from the origin of the rig."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 import omnisight as om
+from jpegs import jpeg
 from omnisight.cli import main
 from omnisight.geometry.rotation import look
 from omnisight.images import Clip
@@ -60,6 +62,29 @@ def test_a_saved_head_gives_the_same_sphere_and_its_order_is_checked(head, capsy
     status, _, err = run(capsys, "stitch", *images[::-1], "--rig", saved, "-o", again, *size)
     assert status == 2
     assert "the images are in the order back, front, and the cameras of the rig in the order front, back" in err
+
+
+def test_images_are_rotated_by_their_orientation(head, capsys, tmp_path):
+    # One folder, whose images are named after the cameras of the rig file.
+    rig = om.load_rig(head / "rig.json")
+    om.save(dataclasses.replace(rig, names=("near", "far")), tmp_path / "rig.json")
+    (tmp_path / "images").mkdir()
+    for name, of_rig in zip(("near", "far"), rig.names, strict=True):
+        for k in range(2):
+            # EXIF orientation 6: rotated clockwise by 90 degrees for display.
+            stored = jpeg(np.rot90(om.read_image(head / f"{of_rig}.png"))[..., ::-1], 6)
+            (tmp_path / "images" / f"{name}_{k}.jpg").write_bytes(stored)
+    given = ("stitch", tmp_path / "images", "--rig", tmp_path / "rig.json", "--width", WIDTH, "--apply-exif")
+    status, _, err = run(capsys, *given, "-o", tmp_path / "spheres")
+    assert status == 0, err
+    spheres = sorted((tmp_path / "spheres").iterdir())
+    assert len(spheres) == 2
+    assert difference(om.read_image(spheres[0]), om.read_image(head / "truth.png")) < 12
+    status, _, err = run(capsys, *given, "-o", tmp_path / "batch", "--workers", 1)
+    assert status == 0, err
+    written = sorted((tmp_path / "batch").glob("*.jpg"))
+    assert len(written) == 2
+    assert difference(om.read_image(written[0]), om.read_image(spheres[0])) < 2
 
 
 def test_a_head_with_its_rig_gives_the_true_sphere(head, capsys, tmp_path):

@@ -91,6 +91,8 @@ class ExportedViewOptions(_ViewOptions):
         image is kept.
     interpolation
         Interpolation between image pixels, if the program offers it.
+    apply_exif
+        For splat and viewer, rotate images by their EXIF orientation, as for the reconstruction.
     """
 
     to: Annotated[ViewType | None, Parameter(name="--view")] = None
@@ -99,7 +101,6 @@ class ExportedViewOptions(_ViewOptions):
     antialias: Annotated[bool, _HIDDEN] = True
     mark: Annotated[bool, _HIDDEN] = False
     scale_camera: Annotated[bool, _HIDDEN] = False
-    apply_exif: Annotated[bool, _HIDDEN] = False
 
 
 @dataclass(frozen=True, kw_only=True)

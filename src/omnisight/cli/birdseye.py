@@ -34,7 +34,7 @@ def birdseye(
         One image, folder or clip for each camera, with its name in the path: front.png, left_017.jpg, back/0001.png,
         back/, right.mp4.
     rig
-        File of the rig.
+        File of the rig, or of its only camera.
     output
         Image to write; for clips and folders a video (.mp4) or a folder of images.
     save_rig

@@ -52,7 +52,7 @@ def export(
     from omnisight.pipeline.export_kind import export_kind
     from omnisight.reconstructions import ExportOptions
 
-    kind, width = export_kind(source, to), view.size[0] if view.size else None
+    kind = export_kind(source, to)
     if kind == "view":
         _export_view(source, to, Path(output), view, image_size)
     elif batch.apply_to(images or "", output):
@@ -60,13 +60,13 @@ def export(
             raise ValueError(
                 "--workers, --cluster and URLs apply to --to splat with --images: leave them out, or specify both"
             )
-        _export_batch(source, images, output, batch, width)
+        _export_batch(source, images, output, batch, view)
     else:
         folder = Path(images) if images else None
         if kind == "viewer":
-            _export_viewer(source, Path(output), folder)
+            _export_viewer(source, Path(output), folder, view.apply_exif)
         else:
-            _export_reconstruction(source, Path(output), ExportOptions(to, folder, width))
+            _export_reconstruction(source, Path(output), ExportOptions(to, folder, _width(view), view.apply_exif))
 
 
 def _export_view(
@@ -80,24 +80,31 @@ def _export_view(
     (print_map_json if is_json() else print_map)(result)
 
 
-def _export_batch(model: Path, images: str, output: str, batch: BatchOptions, width: int | None) -> None:
+def _export_batch(model: Path, images: str, output: str, batch: BatchOptions, view: ExportedViewOptions) -> None:
     """Write the views of a reconstruction by workers, and print the result."""
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.pipeline.batch.batch import Batch
     from omnisight.pipeline.export_batch import export_batch
 
     with progress() as report:
-        result = export_batch(model, images, Batch(output, batch, report), width)
+        run = Batch(output, batch, report)
+        result = export_batch(model, images, run, _width(view), apply_exif=view.apply_exif)
     (print_batch_json if is_json() else print_batch)(result, output)
     check_batch(result)
 
 
-def _export_viewer(model: Path, output: Path, images: Path | None) -> None:
+def _width(view: ExportedViewOptions) -> int | None:
+    """Return the width of a view of 90 degrees; None without."""
+    return view.size[0] if view.size else None
+
+
+def _export_viewer(model: Path, output: Path, images: Path | None, apply_exif: bool) -> None:
     """Write the viewer of a reconstruction, and print the file."""
     from omnisight.cli._export_report import print_files
     from omnisight.report.viewer import export_viewer
 
-    print_files("viewer", "HTML viewer", "open it in a browser", output, [export_viewer(model, output, images)])
+    written = export_viewer(model, output, images, apply_exif=apply_exif)
+    print_files("viewer", "HTML viewer", "open it in a browser", output, [written])
 
 
 def _export_reconstruction(model: Path, output: Path, options: "ExportOptions") -> None:

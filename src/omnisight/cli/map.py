@@ -44,7 +44,7 @@ def map(
     (made, result), folder = run_on_images(build_map, images, camera, rig, output, options)
     if made is not None:
         write_map(output, made)
-        write_viewer(output / "viewer.html", made.reconstruction, folder)
+        write_viewer(output / "viewer.html", made.reconstruction, folder, apply_exif=options.apply_exif)
     WorkFolder(output / WORK).remove()
     for warning in result.warnings:
         warn(warning)

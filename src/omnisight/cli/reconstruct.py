@@ -52,7 +52,7 @@ def reconstruct(
     result, folder = run_on_images(run, images, camera, rig, output, options)
     for number, model in enumerate(result.models):
         write_reconstruction(model_folder(output, number), model)
-        write_viewer(model_folder(output, number) / "viewer.html", model, folder)
+        write_viewer(model_folder(output, number) / "viewer.html", model, folder, apply_exif=options.apply_exif)
     if result:
         remove_models(output, first=len(result.models))
     WorkFolder(output / WORK).remove()

@@ -19,6 +19,9 @@ def read_mask(path: str | Path, size: tuple[int, int]) -> NDArray[np.bool_]:
     """
     gray = to_gray8(read_image(path))
     if gray.shape[::-1] != size:
-        raise ValueError(f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, the image is {size[0]} x {size[1]} px")
+        raise ValueError(
+            f"{path}: is {gray.shape[1]} x {gray.shape[0]} px, and must have the size of the image or view that it"
+            f" masks, {size[0]} x {size[1]} px"
+        )
     # A PBM bitmap stores black on white: its set pixels decode as black.
     return gray < 128 if read_bytes(path)[:2] in (b"P1", b"P4") else gray > 127

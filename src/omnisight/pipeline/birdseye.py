@@ -13,7 +13,8 @@ from omnisight.calibration.ground_calibration import GroundCalibration, GroundMa
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.features.detection import illuminated_region
-from omnisight.formats import load_rig
+from omnisight.formats import FormatError, load, load_rig
+from omnisight.geometry.pose import Pose
 from omnisight.images import read_image
 from omnisight.images.gray import to_gray8
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
@@ -129,7 +130,7 @@ def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = Bi
     images
         The images or their files: by camera name, or in the order of the cameras. Files are matched by their names.
     rig
-        The rig, or its file.
+        The rig, or its file; or that of its only camera.
     options
         Options of the command.
 
@@ -140,7 +141,7 @@ def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = Bi
         sees none of it.
     """
     start = time.perf_counter()
-    body = rig if isinstance(rig, Rig) else load_rig(Path(rig))
+    body = rig if isinstance(rig, Rig) else load_body(Path(rig))
     frames = load_images(images, body, options)
     renderer = prepare_birdseye(frames, body, options)
     gains = renderer.gains(frames)
@@ -160,8 +161,12 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
     hidden = vehicle_occlusion(calibration.rig, view, options.vehicle)
     feather = parse_length(options.blend, "--blend") / view.meters_per_pixel
     remapper = SurroundRemapper(calibration.rig, view.points(), feather_px=feather, hidden=hidden, masks=masks)
-    for name, seen in zip(rig.names, remapper.maps, strict=True):
-        if not seen.visible.any():
+    for k, name in enumerate(rig.names):
+        if hidden is not None and hidden[k].all():
+            raise ValueError(
+                f"the vehicle covers the whole view of {name}: specify its size (--vehicle), or more ground (--margin)"
+            )
+        if not remapper.maps[k].visible.any():
             raise ValueError(
                 f"{name} sees none of the ground of the view: check its pose in the rig and the height of the rig,"
                 " leave the camera out, or determine the poses from marks on the ground (--ground marks.json)"
@@ -181,6 +186,20 @@ def ground_view(rig: Rig, options: BirdseyeOptions) -> GroundView:
     return GroundView(
         parse_length(options.pixel, "--pixel"), (left - margin, right + margin, back - margin, front + margin), bowl
     )
+
+
+def load_body(path: Path) -> Rig:
+    """Read a rig, or one camera: a rig in its frame."""
+    try:
+        return load_rig(path)
+    except FormatError:
+        try:
+            camera = load(path)
+        except FormatError:
+            camera = None
+        if camera is None:
+            raise
+        return Rig.from_sensors({path.stem: (camera, Pose())})
 
 
 def load_images(images: ImageSources, rig: Rig, options: BirdseyeOptions) -> list[Image]:

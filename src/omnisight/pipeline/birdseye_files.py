@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from omnisight.formats import format_of_suffix, load_rig, save
+from omnisight.formats import format_of_suffix, save
 from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
-from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, prepare_birdseye
+from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, load_body, prepare_birdseye
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.images_of_cameras import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.video_options import VideoOptions
@@ -59,7 +59,7 @@ def write_birdseye(
     sources
         One image, folder or clip for each camera, with its name in the path.
     rig
-        File of the rig.
+        File of the rig, or of its only camera.
     output
         Image to write; for clips and folders a video or a folder.
     options
@@ -77,7 +77,7 @@ def write_birdseye(
         If the sources are not those of the cameras, or `birdseye` raises it.
     """
     start = time.perf_counter()
-    body = load_rig(rig)
+    body = load_body(rig)
     ordered = match_cameras(sources, body.names)
     _check_output(ordered, output, save_rig, video, [rig, *([options.ground] if options.ground else [])])
     total, count = frame_count(ordered), 0

@@ -52,7 +52,7 @@ class BirdseyeOptions(Options):
     scale_camera
         Scale the cameras, if the images were resized after the calibration.
     apply_exif
-        Rotate images by their EXIF orientation.
+        Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     """
 
     ground: Path | None = None

@@ -84,7 +84,7 @@ def capture(
     board = options.board
     if board is None:
         raise ValueError("capture needs the board: specify its file (--target board.json) or its corners (--pattern)")
-    candidates = CaptureSource.open(str(source)).candidates
+    candidates = CaptureSource.open(str(source), apply_exif=options.apply_exif).candidates
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     session = CaptureSession(board)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image
 from omnisight.images.live_camera import CameraFrame, LiveCamera
@@ -27,13 +28,15 @@ class CaptureSource:
     candidates: Iterable[CandidateFrame]
 
     @classmethod
-    def open(cls, source: str) -> "CaptureSource":
+    def open(cls, source: str, *, apply_exif: bool = False) -> "CaptureSource":
         """Open a source.
 
         Parameters
         ----------
         source
             Number of a connected camera, clip, or folder of images.
+        apply_exif
+            Rotate images by their EXIF orientation, and frames as the clip specifies for display.
 
         Raises
         ------
@@ -45,17 +48,18 @@ class CaptureSource:
             return cls(f"camera {source}", best_of_intervals(frames, round(LIVE_FRAME_RATE * INTERVAL_S)))
         paths = collect_images([source], videos=True)
         if len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES:
-            clip = Clip.open(paths[0])
+            clip = Clip.open(paths[0], upright=apply_exif)
             interval = max(round(clip.frame_rate * INTERVAL_S), 1)
             return cls(source, best_of_intervals(clip.frames(), interval))
-        return cls(source, _of_images([str(path) for path in paths if path.suffix.lower() not in VIDEO_SUFFIXES]))
+        images = [path for path in paths if path.suffix.lower() not in VIDEO_SUFFIXES]
+        return cls(source, _of_images(images, apply_exif))
 
 
-def _of_images(paths: list[str]) -> Iterator[CandidateFrame]:
+def _of_images(paths: list[Path], apply_exif: bool) -> Iterator[CandidateFrame]:
     """Yield every image that can be read, as one of an interval of its own: the board was still when it was taken."""
     for index, path in enumerate(paths):
         try:
-            image = read_image(path)
+            image = read_image(path, apply_exif=apply_exif)
         except UnreadableImage:
             continue
         yield next(best_of_intervals([CameraFrame(index, float(index), image)], 1))

@@ -24,14 +24,17 @@ class ExportTask:
     ----------
     cameras
         Views of the images of each group.
+    apply_exif
+        Rotate images by their EXIF orientation.
     """
 
     cameras: tuple[CameraViews | None, ...]
+    apply_exif: bool
 
     @property
     def description(self) -> dict[str, Any]:
         """What determines the views."""
-        return describe("export", cameras=digest(self.cameras))
+        return describe("export", cameras=digest(self.cameras), apply_exif=self.apply_exif)
 
     def prepare(self) -> Process:
         """Return the function from an image file to the files of its views; it computes the maps of a camera once."""
@@ -42,12 +45,14 @@ class ExportTask:
             if item.group not in renderers and camera is not None:
                 renderers[item.group] = camera.renderer()
             views = [output.rsplit("/", 1)[-1] for output in item.outputs[::2]]
-            return renderers[item.group](decode_image(content, name), name, views)
+            return renderers[item.group](decode_image(content, name, apply_exif=self.apply_exif), name, views)
 
         return export
 
 
-def export_batch(model: str | Path, images: str, batch: Batch, size: int | None = None) -> BatchResult:
+def export_batch(
+    model: str | Path, images: str, batch: Batch, size: int | None = None, *, apply_exif: bool = False
+) -> BatchResult:
     """Write perspective views of the images of a reconstruction by workers, and then its model; see `Batch`.
 
     The files are those of `omnisight.export` with the format splat.
@@ -62,6 +67,8 @@ def export_batch(model: str | Path, images: str, batch: Batch, size: int | None 
         Its output receives the views, masks and the model.
     size
         Width of a view of 90 degrees, px; by default the resolution of the image is kept.
+    apply_exif
+        Rotate images by their EXIF orientation.
 
     Raises
     ------
@@ -76,13 +83,17 @@ def export_batch(model: str | Path, images: str, batch: Batch, size: int | None 
             f"{missing[0]}: no such file or folder; {len(missing)} of {len(paths)} images are not in {images}: specify"
             " the folder that was reconstructed with --images"
         )
-    plan = plan_splat(reconstruction, size, lambda image: decode_image(read_file(images, paths[image]), paths[image]))
+
+    def read(image: int) -> NDArray[Any]:
+        return decode_image(read_file(images, paths[image]), paths[image], apply_exif=apply_exif)
+
+    plan = plan_splat(reconstruction, size, read)
     sensors = zip(paths, reconstruction.sensor.tolist(), strict=True)
     items = [
         Item((path,), tuple(plan.outputs(image)), sensor, versions[path])
         for image, (path, sensor) in enumerate(sensors)
     ]
-    result = batch.run(ExportTask(plan.cameras), items, images)
+    result = batch.run(ExportTask(plan.cameras, apply_exif), items, images)
     for name, data in plan.model:
         write_file(batch.output, name, data)
     return result

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from omnisight.calibration.ground_calibration import CameraFit, GroundCalibration
 from omnisight.geometry.pose import Pose
 from omnisight.pipeline.detect import detect
-from omnisight.pipeline.image_set import camera_of
+from omnisight.pipeline.images_of_cameras import camera_name
 from omnisight.pipeline.options import DetectOptions
 from omnisight.rig import Rig
 from omnisight.twoview.absolute_pose import AbsolutePose, resect
@@ -37,7 +37,7 @@ def rig_on_board(rig: Rig, image: Path, options: DetectOptions) -> GroundCalibra
     ValueError
         If the image is of no camera, shows no board, or the board has no lengths or is above the camera.
     """
-    name = rig.names[camera_of(image, rig.names)]
+    name = camera_name(image, rig.names)
     detections = detect([image], options)
     found = detections.images[0].boards
     if not found:

@@ -58,7 +58,9 @@ def ground_rig(rig: Rig, images: Sequence[NDArray[Any]], options: BirdseyeOption
     if rig.unit != "m":
         raise ValueError(f"the lengths of the rig are in {rig.unit}: a bird's-eye view needs metres, or --ground marks")
     if options.ground_board is not None:
-        board = DetectOptions(pattern=options.pattern, square=options.square, target=options.target)
+        board = DetectOptions(
+            pattern=options.pattern, square=options.square, target=options.target, apply_exif=options.apply_exif
+        )
         return _checked(rig_on_board(rig, options.ground_board, board), options)
     if options.height is not None:
         rig = _at_height(rig, parse_length(options.height, "--height"), options.pitch, options.roll)

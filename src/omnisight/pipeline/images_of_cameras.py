@@ -26,7 +26,7 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
     """
     found: dict[str, list[Path]] = {name: [] for name in names}
     for source in sources:
-        found[names[camera_of(source, names)]].append(source)
+        found[camera_name(source, names)].append(source)
     for name, of_camera in found.items():
         if len(of_camera) > 1:
             raise ValueError(f"{of_camera[0]} and {of_camera[1]} are both of camera {name}: specify one, or folders")
@@ -39,12 +39,17 @@ def match_cameras(sources: Sequence[Path], names: Sequence[str]) -> list[Path]:
     return [found[name][0] for name in names]
 
 
+def camera_name(source: Path, names: Sequence[str]) -> str:
+    """Return the name of the camera of a source; that of the only camera does not need to be in the path."""
+    return names[0] if len(names) == 1 else names[camera_of(source, names)]
+
+
 def check_order(sources: Sequence[Any], names: Sequence[str]) -> None:
     """Raise `ValueError` if the names of images are those of all cameras, but in another order."""
     found: list[str] = []
     for source in sources:
         with suppress(ValueError, TypeError):  # arrays, and files that are not named after cameras
-            found.append(names[camera_of(Path(source), names)])
+            found.append(camera_name(Path(source), names))
     if found != list(names) and sorted(found) == sorted(names):
         order, expected = (", ".join(each) for each in (found, names))
         raise ValueError(f"the images are in the order {order}, and the cameras of the rig in the order {expected}")

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
+from omnisight.formats import load_rig
 from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.stitch_files import (
     StitchedFrames,
@@ -139,10 +140,11 @@ def stitch(
     sources = [images] if isinstance(images, str | PathLike | np.ndarray) else list(images)
     if output is not None:
         check_suffix(Path(output))
-    frames = head_frames(sources, rig.names if isinstance(rig, Rig) else ())
+    body = load_rig(Path(rig)) if isinstance(rig, str | PathLike) else rig
+    frames = replace(head_frames(sources, body.names if body else ()), apply_exif=options.apply_exif)
     target = None if output is None else check_output(Path(output), frames, video)
     progress("estimate the cameras", 0, 1)
-    planned = plan_frames(frames, rig, cameras, options)
+    planned = plan_frames(frames, body, cameras, options)
     progress("estimate the cameras", 1, 1)
     estimated = time.perf_counter()
     job = StitchJob(frames, planned.seam_plan, planned.bearings, options, target, video)

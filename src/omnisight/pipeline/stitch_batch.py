@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.formats import load_rig
 from omnisight.images import IMAGE_SUFFIXES, decode_image
 from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import output_names
@@ -32,7 +33,6 @@ from omnisight.pipeline.stitch_inputs import (
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_plan import plan_frames, sphere_bearings
 from omnisight.pipeline.work_folder import digest
-from omnisight.rig import Rig
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
 
@@ -73,7 +73,10 @@ class StitchTask:
         stitchers, count = dict[int, ImageStitcher](), len(self.seam_plan.samplers)
 
         def stitch(item: Item, data: Sequence[bytes]) -> list[bytes]:
-            images = [rgb8(decode_image(content, name)) for content, name in zip(data, item.names, strict=True)]
+            images = [
+                rgb8(decode_image(content, name, apply_exif=self.options.apply_exif))
+                for content, name in zip(data, item.names, strict=True)
+            ]
             if item.group not in stitchers:
                 stitchers.clear()
                 stitchers[item.group] = self.stitcher(images[count:] if item.group else None)
@@ -118,8 +121,10 @@ def stitch_batch(
     if batch.output.lower().endswith(IMAGE_SUFFIXES):
         raise ValueError(f"{batch.output}: has the name of an image; choose a folder for the spheres")
     folders = [list_images(folder, batch.output) for folder in images]
-    frames = _frames(images, folders, rig.names if isinstance(rig, Rig) else HEAD_NAMES)
-    planned = plan_frames(frames, rig, cameras, options)
+    body = load_rig(Path(rig)) if isinstance(rig, str | PathLike) else rig
+    frames = _frames(images, folders, body.names if body else HEAD_NAMES)
+    frames = dataclasses.replace(frames, apply_exif=options.apply_exif)
+    planned = plan_frames(frames, body, cameras, options)
     task = StitchTask(planned.seam_plan, planned.camera, planned.sphere_from_rig, options)
     estimated = time.perf_counter()
     versions = dict(item for folder in folders for item in folder.items())
@@ -139,8 +144,9 @@ def _frames(images: Sequence[str], folders: Sequence[Iterable[str]], names: Sequ
         found = assign_images(lists[0], [path.as_posix() for path in lists[0]], names, is_rig=True)
         frames = frames_of_folder(found, images[0], names)
 
-    def read(source: Any) -> NDArray[Any]:
-        return decode_image(read_file(images[0], Path(source).as_posix()), Path(source).name)
+    def read(source: Any, apply_exif: bool) -> NDArray[Any]:
+        data = read_file(images[0], Path(source).as_posix())
+        return decode_image(data, Path(source).name, apply_exif=apply_exif)
 
     return dataclasses.replace(frames, read=read)
 

@@ -36,9 +36,9 @@ MAX_RADIUS_DIFFERENCE = 0.02
 HEAD_NAMES = ("front", "back")
 
 
-def read_source(source: StitchSource) -> NDArray[Any]:
+def read_source(source: StitchSource, apply_exif: bool) -> NDArray[Any]:
     """Return an image, read if it is a file."""
-    return source if isinstance(source, np.ndarray) else read_image(Path(source))
+    return source if isinstance(source, np.ndarray) else read_image(Path(source), apply_exif=apply_exif)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,20 +55,23 @@ class HeadFrames:
         Whether an image shows two lenses side by side.
     labels
         Name of each frame.
+    apply_exif
+        Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     read
-        Reads the image of a source.
+        Reads the image of a source; its second argument is `apply_exif`.
     """
 
     sources: tuple[tuple[StitchSource, ...], ...]
     is_clip: bool
     is_split: bool
     labels: tuple[str, ...]
-    read: Callable[[StitchSource], NDArray[Any]] = read_source
+    apply_exif: bool = False
+    read: Callable[[StitchSource, bool], NDArray[Any]] = read_source
 
     def __iter__(self) -> Iterator[list[Bytes]]:
         """Read the images of each frame, RGB."""
         if not self.is_clip:
-            yield from (self._split([self.read(s) for s in frame]) for frame in self.sources)
+            yield from (self._read(frame) for frame in self.sources)
             return
         with closing(self.clip_frames()) as moments:
             yield from (self.images(frames) for frames in moments)
@@ -76,7 +79,7 @@ class HeadFrames:
     @property
     def clips(self) -> list[Clip]:
         """The clips."""
-        return [Clip.open(Path(str(source))) for source in self.sources[0]]
+        return [Clip.open(Path(str(source)), upright=self.apply_exif) for source in self.sources[0]]
 
     def clip_frames(self) -> Generator[tuple[Frame, ...]]:
         """Decode the simultaneous frames of clips, each on a thread, until the shortest ends."""
@@ -99,9 +102,12 @@ class HeadFrames:
         """Return a few frames, evenly distributed."""
         chosen = set(np.unique(np.linspace(0, self.count - 1, MAX_CALIBRATION_FRAMES).round().astype(int)).tolist())
         if not self.is_clip:
-            return [self._split([self.read(s) for s in self.sources[k]]) for k in sorted(chosen)]
+            return [self._read(self.sources[k]) for k in sorted(chosen)]
         together = zip(*(clip.frames(chosen) for clip in self.clips), strict=False)
         return [self.images(frames) for frames in together]
+
+    def _read(self, sources: Sequence[StitchSource]) -> list[Bytes]:
+        return self._split([self.read(source, self.apply_exif) for source in sources])
 
     def _split(self, images: Sequence[NDArray[Any]]) -> list[Bytes]:
         colors = [rgb8(image) for image in images]

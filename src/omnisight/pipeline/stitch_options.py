@@ -35,6 +35,8 @@ class StitchOptions(Options):
         Frames of a clip or folder between two new estimates of the seam; 0 keeps that of the first frame.
     scale_camera
         Scale the cameras, if the images were resized after the calibration.
+    apply_exif
+        Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     """
 
     width: int | None = None
@@ -48,6 +50,7 @@ class StitchOptions(Options):
     warp: bool = True
     every: int = 0
     scale_camera: bool = False
+    apply_exif: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
-from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitch_options import StitchOptions
 from omnisight.pipeline.stitch_rig import HeadRig, head_rig
+from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 from omnisight.views.maps import STRIP_ROWS
 from omnisight.views.stitching.image_stitcher import ImageStitcher
@@ -68,7 +68,7 @@ class StitchPlan:
 
 def plan_frames(
     frames: HeadFrames,
-    rig: RigSource | None,
+    rig: Rig | None,
     cameras: Sequence[Camera | str | PathLike[str]],
     options: StitchOptions,
 ) -> StitchPlan:

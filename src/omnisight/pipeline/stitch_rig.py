@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features.detection import illuminated_region
-from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import read_mask, to_gray8
 from omnisight.images.image_field import ImageField
-from omnisight.pipeline.camera_sources import RigSource
 from omnisight.pipeline.central_camera import camera_of_image, fit_camera
 from omnisight.pipeline.images_of_cameras import check_order
 from omnisight.pipeline.stitch_inputs import HEAD_NAMES, Bytes, HeadFrames, lens_fields
@@ -69,7 +67,7 @@ class HeadRig:
 
 def head_rig(
     frames: HeadFrames,
-    rig: RigSource | None,
+    rig: Rig | None,
     cameras: Sequence[Camera | str | PathLike[str]],
     options: StitchOptions,
 ) -> HeadRig:
@@ -83,7 +81,7 @@ def head_rig(
     if rig is not None and cameras:
         raise ValueError("specify a rig or cameras, not both: the rig contains its cameras")
     if rig is not None:
-        return _given(frames, rig if isinstance(rig, Rig) else load_rig(Path(rig)), options)
+        return _given(frames, rig, options)
     samples = frames.calibration_frames()
     if not samples:
         raise ValueError("the clips have no common frame: specify clips that were recorded at the same time")

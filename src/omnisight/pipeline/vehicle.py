@@ -77,7 +77,12 @@ def _is_inside(rectangle: Rectangle, position: Array) -> bool:
 
 
 def _is_crossed(rectangle: Rectangle, start: Array, ends: Array) -> Mask:
-    """Return which segments from a start to ends (..., 2) cross the inside of the rectangle (slab method)."""
+    """Return which segments from a start to ends (..., 2) cross the inside of the rectangle (slab method).
+
+    The rectangle of a single camera, or of cameras in a row, has no inside.
+    """
+    if min(rectangle[1] - rectangle[0], rectangle[3] - rectangle[2]) <= 2 * EDGE_M:
+        return np.zeros(ends.shape[:-1], np.bool_)
     enter, leave = np.zeros(ends.shape[:-1]), np.ones(ends.shape[:-1])
     for axis, (low, high) in enumerate((rectangle[:2], rectangle[2:])):
         origin, step = start[..., axis], ends[..., axis] - start[..., axis]

@@ -24,11 +24,14 @@ class ExportOptions(Options):
         The folder of the images, to which their names are relative; `splat` needs it.
     size
         The width of a view of 90 degrees (px) that `splat` writes; by default the resolution of the image is kept.
+    apply_exif
+        Rotate images by their EXIF orientation.
     """
 
     format: str = "colmap"
     images: Path | None = None
     size: int | None = None
+    apply_exif: bool = False
 
 
 class ReconstructionError(ValueError):

@@ -91,9 +91,11 @@ class SplatExport:
 def files(reconstruction: Reconstruction, options: ExportOptions) -> Iterator[OutputFile]:
     """Return the views one by one, then the model: a folder without it is incomplete."""
     paths = _image_paths(reconstruction, options)
-    return _files(
-        reconstruction, paths, plan_splat(reconstruction, options.size, lambda image: read_image(paths[image]))
-    )
+
+    def read(image: int) -> NDArray[Any]:
+        return read_image(paths[image], apply_exif=options.apply_exif)
+
+    return _files(reconstruction, paths, plan_splat(reconstruction, options.size, read), read)
 
 
 def plan_splat(reconstruction: Reconstruction, size: int | None, read: Callable[[int], NDArray[Any]]) -> SplatExport:
@@ -116,12 +118,14 @@ def plan_splat(reconstruction: Reconstruction, size: int | None, read: Callable[
     return SplatExport(cameras, names, [(f"{MODEL_FOLDER}/{name}", data) for name, data in model])
 
 
-def _files(reconstruction: Reconstruction, paths: Sequence[Path], export: SplatExport) -> Iterator[OutputFile]:
+def _files(
+    reconstruction: Reconstruction, paths: Sequence[Path], export: SplatExport, read: Callable[[int], NDArray[Any]]
+) -> Iterator[OutputFile]:
     """Yield the views and masks of all images, and the model."""
     renderers = [None if each is None else each.renderer() for each in export.cameras]
     for image, path in enumerate(paths):
         if (render := renderers[int(reconstruction.sensor[image])]) is not None:
-            yield from zip(export.outputs(image), render(read_image(path), str(path), export.names[image]), strict=True)
+            yield from zip(export.outputs(image), render(read(image), str(path), export.names[image]), strict=True)
     yield from export.model
 
 

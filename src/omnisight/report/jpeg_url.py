@@ -12,10 +12,10 @@ from omnisight.images import UnreadableImage, read_image, to_gray8
 JPEG_QUALITY = 72  # about a fifth of a byte per pixel
 
 
-def jpeg_url(path: Path, width: int) -> str | None:
+def jpeg_url(path: Path, width: int, apply_exif: bool) -> str | None:
     """Return an image file as a data: URL of a JPEG of at most a width (px); None if it cannot be read."""
     try:
-        return encode_jpeg_url(read_image(path), width)
+        return encode_jpeg_url(read_image(path, apply_exif=apply_exif), width)
     except UnreadableImage:
         return None
 

@@ -21,7 +21,9 @@ HELP = (
 )
 
 
-def write_viewer(path: str | Path, reconstruction: Reconstruction, images: str | Path | None = None) -> None:
+def write_viewer(
+    path: str | Path, reconstruction: Reconstruction, images: str | Path | None = None, *, apply_exif: bool = False
+) -> None:
     """Write a viewer of a reconstruction as one HTML file that loads nothing from the network.
 
     The images are embedded at reduced size, at most 16 megapixels in all and 1 megapixel each, with at most 200,000
@@ -35,17 +37,19 @@ def write_viewer(path: str | Path, reconstruction: Reconstruction, images: str |
         The reconstruction.
     images
         The folder of the images, to which their names are relative. Without it the cameras are drawn without images.
+    apply_exif
+        Rotate images by their EXIF orientation.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     """
-    text = render_viewer(reconstruction, None if images is None else Path(images))
+    text = render_viewer(reconstruction, None if images is None else Path(images), apply_exif)
     write_html(path, text)
 
 
-def export_viewer(model: str | Path, output: str | Path, images: Path | None) -> Path:
+def export_viewer(model: str | Path, output: str | Path, images: Path | None, *, apply_exif: bool = False) -> Path:
     """Write viewer.html of the reconstruction of a folder to another folder, which is created, and return the file.
 
     Raises
@@ -59,17 +63,19 @@ def export_viewer(model: str | Path, output: str | Path, images: Path | None) ->
         raise ValueError(f"{images}: no such folder; specify the folder that was reconstructed with --images")
     reconstruction, path = read_reconstruction(model), Path(output) / "viewer.html"
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_viewer(path, reconstruction, images)
+    write_viewer(path, reconstruction, images, apply_exif=apply_exif)
     return path
 
 
-def render_viewer(reconstruction: Reconstruction, images: Path | None) -> str:
+def render_viewer(reconstruction: Reconstruction, images: Path | None, apply_exif: bool) -> str:
     """Return the HTML text of the viewer."""
     style, script = (
         files("omnisight.report").joinpath(name).read_text("utf-8") for name in ("viewer.css", "viewer.js")
     )
     # A "<" could end the element or start a comment.
-    data = json.dumps(viewer_data(reconstruction, images), allow_nan=False).replace("<", "\\u003c")
+    data = json.dumps(viewer_data(reconstruction, images, apply_exif=apply_exif), allow_nan=False).replace(
+        "<", "\\u003c"
+    )
     head = element(
         "head",
         element("meta", charset="utf-8"),

@@ -23,7 +23,7 @@ MAX_TOTAL_PIXELS, MAX_IMAGE_PIXELS = 16_000_000, 1_000_000
 GRID_CELLS = 128
 
 
-def viewer_data(reconstruction: Reconstruction, images: Path | None) -> dict[str, Any]:
+def viewer_data(reconstruction: Reconstruction, images: Path | None, *, apply_exif: bool = False) -> dict[str, Any]:
     """Return the JSON object.
 
     Coordinates are relative to `origin`, the median position of the cameras, because 32-bit floats resolve a micrometre
@@ -35,11 +35,13 @@ def viewer_data(reconstruction: Reconstruction, images: Path | None) -> dict[str
         The reconstruction.
     images
         The folder of the images, or None to draw the cameras without them.
+    apply_exif
+        Rotate images by their EXIF orientation.
     """
     poses = [reconstruction.world_from_cam(image) for image in range(len(reconstruction))]
     positions = np.array([pose.translation for pose in poses]).reshape(-1, 3)
     origin = np.median(positions, axis=0) if len(positions) else np.zeros(3)
-    urls = _thumbnails(reconstruction, images)
+    urls = _thumbnails(reconstruction, images, apply_exif)
     return {
         "unit": "m" if reconstruction.has_scale else "units",
         "up": up_direction(reconstruction).tolist(),
@@ -98,7 +100,7 @@ def _sensor_data(camera: Sensor) -> dict[str, Any]:
     }
 
 
-def _thumbnails(reconstruction: Reconstruction, images: Path | None) -> Sequence[str | None]:
+def _thumbnails(reconstruction: Reconstruction, images: Path | None, apply_exif: bool) -> Sequence[str | None]:
     """Return the images as data URLs at reduced size; None for those that cannot be read."""
     if images is None:
         return [None] * len(reconstruction)
@@ -107,7 +109,8 @@ def _thumbnails(reconstruction: Reconstruction, images: Path | None) -> Sequence
     widths = [max(1, min(width, int(math.sqrt(pixels * width / height)))) for width, height in sizes]
     paths = [images / PurePosixPath(name) for name in reconstruction.names]
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        return list(pool.map(jpeg_url, paths, [widths[sensor] for sensor in reconstruction.sensor.tolist()]))
+        sizes = [widths[sensor] for sensor in reconstruction.sensor.tolist()]
+        return list(pool.map(jpeg_url, paths, sizes, [apply_exif] * len(paths)))
 
 
 def _encode(values: NDArray[Any], kind: str) -> str:

@@ -9,8 +9,8 @@ from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 
-# Sides of a view, px: larger ones are a wrong unit of the lengths.
-MAX_SIDE_PX = 16384
+# Sides of a view, px: the resolution is that of neighbouring pixels, and larger sides are a wrong unit of the lengths.
+MIN_SIDE_PX, MAX_SIDE_PX = 2, 16384
 
 
 @dataclass(frozen=True)
@@ -63,10 +63,10 @@ class GroundView(Displayed):
             raise ValueError(f"the extent must be left < right, back < front, got {self.extent}")
         if not self.meters_per_pixel > 0:
             raise ValueError(f"meters_per_pixel must be positive, got {self.meters_per_pixel:g}")
-        if not 1 <= min(self.size) <= max(self.size) <= MAX_SIDE_PX:
+        if not MIN_SIDE_PX <= min(self.size) <= max(self.size) <= MAX_SIDE_PX:
             raise ValueError(
-                f"the view has {self.size[0]}x{self.size[1]} px; choose metres per pixel and an extent for 1 to"
-                f" {MAX_SIDE_PX} px per side"
+                f"the view has {self.size[0]}x{self.size[1]} px; choose metres per pixel (--pixel) and an"
+                f" extent (--margin) for {MIN_SIDE_PX} to {MAX_SIDE_PX} px per side"
             )
 
     @property

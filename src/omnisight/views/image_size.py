@@ -16,5 +16,5 @@ def size_mismatch(size: tuple[int, int], expected: tuple[int, int]) -> str:
         ratio = size[0] / expected[0]
         return f"{sizes}: {ratio:.4g} times as large; if the image was resized, scale the camera (--scale-camera)"
     if size == expected[::-1]:
-        return f"{sizes}: rotated by 90 degrees; was its EXIF orientation applied?"
+        return f"{sizes}: rotated by 90 degrees; EXIF orientations are applied only with --apply-exif"
     return f"{sizes}: a different aspect ratio; a camera is valid only for images like those of its calibration"

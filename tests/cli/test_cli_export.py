@@ -1,0 +1,38 @@
+"""`omnisight export` of reconstructions whose images have an EXIF orientation."""
+
+import base64
+import json
+
+import numpy as np
+
+from jpegs import jpeg
+from omnisight.images import decode_image, read_image
+from omnisight.reconstructions import write_reconstruction
+from omnisight.report.viewer import render_viewer
+from reconstructing import paint, single
+
+
+def test_images_are_rotated_by_their_orientation(run, tmp_path):
+    made = single()
+    write_reconstruction(tmp_path / "model", made)
+    folder = paint(made, tmp_path / "images")
+    command = ("export", tmp_path / "model", "--to", "splat", "--images", folder, "--size", "64x64")
+    assert run(*command, "-o", tmp_path / "plain")[0] == 0
+    for name in made.names:
+        # EXIF orientation 6: rotated clockwise by 90 degrees for display.
+        (folder / name).write_bytes(jpeg(np.rot90(read_image(folder / name))[..., ::-1], 6))
+    status, _, err = run(*command, "-o", tmp_path / "wrong")
+    assert status == 2
+    assert "--apply-exif" in err
+    for output, more in (("out", ()), ("batch", ("--workers", "1"))):
+        status, _, err = run(*command, "-o", tmp_path / output, "--apply-exif", *more)
+        assert status == 0, err
+        paths = sorted((tmp_path / "plain" / "images").iterdir())
+        assert len(paths) == 6 * len(made)
+        for path in paths:
+            found = read_image(tmp_path / output / "images" / path.name).astype(int)
+            assert np.abs(found - read_image(path)).mean() < 3
+    page = render_viewer(made, folder, apply_exif=True)
+    data = json.loads(page.split('id="reconstruction">')[1].split("</script>")[0])
+    image = decode_image(base64.b64decode(data["cameras"][0]["image"].split(",")[1]), "image")
+    assert image.shape[1] == 2 * image.shape[0]
