@@ -71,6 +71,18 @@ def _view(run, given, output):
     return output
 
 
+def test_exchanged_images_are_reported(run, folder):
+    status, out, err = run(*arguments(folder), "-o", folder / "top.png", "--json")
+    assert (status, json.loads(out)["warning"]) == (0, ""), err
+    for name, other in (("front", "left"), ("left", "front")):
+        om.write_image(folder / f"{name}.png", car.images()[other])
+    status, out, err = run(*arguments(folder), "-o", folder / "top.png")
+    assert status == 0
+    assert "that of left is likely of front" in err
+    assert "that of front is likely of left" in err
+    assert "right" not in err
+
+
 def test_one_camera(run, folder):
     camera, pose = car.RIG.cameras[0], car.RIG.sensor_from_rig[0]
     om.save(om.Rig.from_sensors({"front": (camera, pose)}), folder / "one.json")
@@ -116,6 +128,10 @@ def test_a_layout_calibrates_the_rig_which_is_saved(run, tmp_path):
     assert rig.covariance is not None
     for found, true in zip(rig.sensor_from_rig, car.RIG.sensor_from_rig, strict=True):
         np.testing.assert_allclose(found.inverse().translation, true.inverse().translation, atol=0.01)
+    again = (*given[:5], "--rig", tmp_path / "car.json", *SMALL)
+    status, _, err = run(*again, "--height", "1m", "-o", tmp_path / "top.png")
+    assert status == 2
+    assert "on the ground already" in err
     status, out, _ = run(*given, *ground, "-o", tmp_path / "top.png")
     assert status == 0
     assert "rms px" in out

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from omnisight.cli._output import write_json
+from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.birdseye import LengthErrors
 from omnisight.pipeline.birdseye_files import BirdseyeFiles
 
@@ -20,6 +20,7 @@ def print_json(written: BirdseyeFiles) -> None:
         "frames": written.frames,
         "length_errors_cm": _lengths(errors) | {"across_seams": _lengths(across)} if errors.count else None,
         "seam_step": None if math.isnan(result.seam_step) else round(result.seam_step, 3),
+        "warning": result.warning,
         "files": [str(path) for path in written.files],
         "seconds": round(written.seconds, 3),
     }
@@ -52,6 +53,8 @@ def print_report(written: BirdseyeFiles) -> None:
     print(f"view          {width}x{height} px, {100 * view.meters_per_pixel:g} cm per pixel")
     if not math.isnan(result.seam_step):
         print(f"seams         {result.seam_step:.1f} gray levels between neighbouring images")
+    if result.warning:
+        warn(result.warning)
     frames = "" if written.frames == 1 else f" ({written.frames} frames)"
     print(f"written       {', '.join(str(path) for path in written.files)}{frames}")
 

@@ -26,6 +26,7 @@ from omnisight.pipeline.vehicle import camera_rectangle, vehicle_occlusion
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 from omnisight.views.ground_view import Bowl, GroundView
+from omnisight.views.image_order import likely_order
 from omnisight.views.image_size import size_mismatch
 from omnisight.views.surround_remapper import SurroundRemapper
 
@@ -100,6 +101,8 @@ class BirdseyeResult(Displayed):
         The view, the calibrated rig and the maps, for further frames.
     seam_step
         Median difference of mean levels of neighbouring images where they overlap, after equalization.
+    order
+        For each camera the index of the image that is likely its own; None if the given order is not refuted.
     seconds
         Time of the whole computation.
     """
@@ -107,7 +110,19 @@ class BirdseyeResult(Displayed):
     image: Image = field(repr=False)
     renderer: BirdseyeRenderer
     seam_step: float
+    order: tuple[int, ...] | None
     seconds: float
+
+    @property
+    def warning(self) -> str:
+        """What is likely wrong with the images; empty if nothing."""
+        if self.order is None:
+            return ""
+        names, pairs = self.rig.names, enumerate(self.order)
+        wrong = [f"that of {names[image]} is likely of {names[camera]}" for camera, image in pairs if camera != image]
+        return (
+            f"images are likely exchanged ({', '.join(wrong)}): check their names, and the names in the file of the rig"
+        )
 
     @property
     def rig(self) -> Rig:
@@ -146,8 +161,15 @@ def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = Bi
     renderer = prepare_birdseye(frames, body, options)
     gains = renderer.gains(frames)
     image = renderer.remapper(frames, gains)
-    step = renderer.remapper.seam_step(frames, gains)
-    return BirdseyeResult(image, renderer, step, time.perf_counter() - start)
+    return birdseye_result(image, renderer, frames, gains, start)
+
+
+def birdseye_result(
+    image: Image, renderer: BirdseyeRenderer, images: Sequence[Image], gains: NDArray[np.float32] | None, start: float
+) -> BirdseyeResult:
+    """Return the result of a view, with the measures of its images and gains; `start` is that of `perf_counter`."""
+    step, order = renderer.remapper.seam_step(images, gains), likely_order(renderer.remapper, images)
+    return BirdseyeResult(image, renderer, step, order, time.perf_counter() - start)
 
 
 def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions) -> BirdseyeRenderer:

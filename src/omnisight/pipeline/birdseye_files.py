@@ -12,7 +12,14 @@ from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
-from omnisight.pipeline.birdseye import BirdseyeRenderer, BirdseyeResult, check_sizes, load_body, prepare_birdseye
+from omnisight.pipeline.birdseye import (
+    BirdseyeRenderer,
+    BirdseyeResult,
+    birdseye_result,
+    check_sizes,
+    load_body,
+    prepare_birdseye,
+)
 from omnisight.pipeline.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.images_of_cameras import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.video_options import VideoOptions
@@ -94,8 +101,7 @@ def write_birdseye(
             gains = renderer.gains(images)
             image = renderer.remapper(images, gains)
             if result is None:
-                step = renderer.remapper.seam_step(images, gains)
-                result = BirdseyeResult(image, renderer, step, time.perf_counter() - began)
+                result = birdseye_result(image, renderer, images, gains, began)
             assert write is not None
             write(image, count, seconds)
             count += 1

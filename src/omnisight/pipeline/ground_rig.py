@@ -63,6 +63,10 @@ def ground_rig(rig: Rig, images: Sequence[NDArray[Any]], options: BirdseyeOption
         )
         return _checked(rig_on_board(rig, options.ground_board, board), options)
     if options.height is not None:
+        if rig.provenance.get("frame") == "ground":
+            raise ValueError(
+                "the frame of the rig is on the ground already (--save-rig): leave out the height (--height)"
+            )
         rig = _at_height(rig, parse_length(options.height, "--height"), options.pitch, options.roll)
     return _checked(GroundCalibration(rig, {}, {}), options)
 

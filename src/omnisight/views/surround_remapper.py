@@ -58,6 +58,8 @@ class SurroundRemapper:
         Where each camera sees the points.
     weights
         (C, H, W) blending weights.
+    overlaps
+        For each pair of cameras (a, b) the pixels (N, 2) of either image that show the same points, near the seam.
     """
 
     def __init__(
@@ -93,7 +95,7 @@ class SurroundRemapper:
         self.weights = seam_weights([m.resolution for m in self.maps], [m.visible for m in self.maps], feather_px)
         self._offsets, self._widths, self._sizes = _pyramid_layout(rig)
         self._first, self._table = self._samples()
-        self._overlaps = self._overlap_samples()
+        self.overlaps = self._overlap_samples()
 
     def __repr__(self) -> str:
         """Return the number of cameras and the size of the view."""
@@ -137,7 +139,7 @@ class SurroundRemapper:
         for channel in range(3):
             # A camera without overlap keeps its gain of 1.
             normal, right = np.eye(count), np.ones(count)
-            for a, b, at_a, at_b in self._overlaps:
+            for a, b, at_a, at_b in self.overlaps:
                 mean_a = images[a][at_a[:, 1], at_a[:, 0], channel].mean() / scale
                 mean_b = images[b][at_b[:, 1], at_b[:, 0], channel].mean() / scale
                 row = np.zeros(count)
@@ -154,7 +156,7 @@ class SurroundRemapper:
         steps: list[float] = []
         images = [_rgb(image) for image in images]
         factors = np.ones((len(images), 3)) if gains is None else gains
-        for a, b, at_a, at_b in self._overlaps:
+        for a, b, at_a, at_b in self.overlaps:
             mean_a = (images[a][at_a[:, 1], at_a[:, 0]] * factors[a]).mean()
             mean_b = (images[b][at_b[:, 1], at_b[:, 0]] * factors[b]).mean()
             steps.append(abs(float(mean_a - mean_b)))
