@@ -133,6 +133,20 @@ def test_repeated_surroundings_are_uncertain():
     assert rotation(image + noise, image).sigma_deg > 90
 
 
+def test_light_from_one_side_affects_neither_the_heading_nor_its_uncertainty():
+    azimuth = 2 * np.pi * np.arange(240) / 240
+    errors, sigmas = [], []
+    gray = cv2.cvtColor(render(0, (0, 0, 0)), cv2.COLOR_RGB2GRAY)
+    for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+        near = cv2.cvtColor(render(50, (0.04 * np.sin(phase), 0, 0.04 * np.cos(phase))), cv2.COLOR_RGB2GRAY)
+        found = rotation(near * (1 + 0.5 * np.cos(azimuth - phase)), gray)
+        errors.append(abs(wrap_deg(found.yaw_deg - 50)))
+        sigmas.append(found.sigma_deg)
+    assert max(errors) < 0.5  # some above 90 with white residuals
+    assert max(sigmas) < 1.0  # above 30 with white residuals
+    assert (np.array(errors) < 3 * np.array(sigmas)).all()
+
+
 def test_panoramas_with_nothing_in_common_are_uncertain():
     upper, lower = np.full((2, HEIGHT, WIDTH), 50.0)
     upper[3], lower[9] = textured(6)[3], textured(7)[9]

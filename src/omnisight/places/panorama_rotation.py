@@ -75,6 +75,13 @@ class _Fit(NamedTuple):
         return float((self.residuals**2).sum())
 
 
+class _Estimate(NamedTuple):
+    """A fit and the variance of its rotation, columns squared."""
+
+    fit: _Fit
+    variance: float
+
+
 def correlations(query: PanoramaSignature, references: Sequence[PanoramaSignature]) -> Array:
     """Return the correlation coefficients (N, OVERSAMPLING W) of a panorama with others after every rotation.
 
@@ -137,8 +144,9 @@ def estimate_rotation(
 
     The maximum of the circular correlation is refined together with the displacement of the columns that a translation
     causes: its first harmonic, exact to first order for surroundings at equal distance (M. O. Franz et al., Where did I
-    take that snapshot?, Biological Cybernetics 79, 1998). The variance is that of least squares with residuals that are
-    correlated within sectors (K.-Y. Liang and S. L. Zeger, 1986), plus those of unequal distances and of other maxima.
+    take that snapshot?, Biological Cybernetics 79, 1998). This is done for white residuals, and again for residuals
+    with the power that each octave has in the first estimate, because light and distances change low and high
+    frequencies differently. The estimate of the smaller variance is returned, with the variance of a mixture of both.
 
     Parameters
     ----------
@@ -152,18 +160,60 @@ def estimate_rotation(
     The rotation from the reference to the query.
     """
     found = correlations(query, [reference])[0] if correlation is None else correlation
-    columns = query.values.shape[1]
-    start = np.array([found.argmax() / OVERSAMPLING, 0.0, 0.0])
+    start = _at_maximum(found)
     coarse = _refine(query.smoothed, reference.smoothed, start).parameters
-    fits = [_refine(query, reference, each) for each in (start, coarse)]
-    best = min(fits, key=lambda fit: fit.cost)
-    displacement = float(np.hypot(*best.parameters[1:]))
-    variance = _variance(best) + (DISPLACEMENT_ERROR * displacement) ** 2 + _ambiguity(found, best.residuals, columns)
+    fit = _best_fit(query, reference, (start, coarse))
+    estimates = [_Estimate(fit, _total_variance(fit, found, start[0]))]
+    power = _octave_power(fit.residuals)
+    if power.all():
+        white_query, white_reference = (each.filtered(1 / np.sqrt(power)) for each in (query, reference))
+        correlated = correlations(white_query, [white_reference])[0]
+        refit = _best_fit(white_query, white_reference, (fit.parameters, _at_maximum(correlated)))
+        estimates.append(_Estimate(refit, _total_variance(refit, correlated, refit.parameters[0])))
+        fit = min(estimates, key=lambda each: each.variance).fit
+    columns = query.values.shape[1]
     degrees = 360.0 / columns
-    similarity = float(np.sqrt(max(0.0, 1.0 - best.cost)))
-    return CompassRotation(
-        wrap_deg(float(best.parameters[0]) * degrees), float(np.sqrt(variance)) * degrees, similarity
-    )
+    similarity = float(np.sqrt(max(0.0, 1.0 - _evaluate(query, reference, fit.parameters).cost)))
+    sigma = float(np.sqrt(_mixture_variance(estimates, columns))) * degrees
+    return CompassRotation(wrap_deg(float(fit.parameters[0]) * degrees), sigma, similarity)
+
+
+def _at_maximum(correlation: Array) -> Array:
+    """Return the parameters of the rotation with the largest correlation, without displacement."""
+    return np.array([correlation.argmax() / OVERSAMPLING, 0.0, 0.0])
+
+
+def _best_fit(query: PanoramaSignature, reference: PanoramaSignature, starts: Sequence[Array]) -> _Fit:
+    """Return the fit of the smallest cost from several initial parameters."""
+    return min((_refine(query, reference, start) for start in starts), key=lambda fit: fit.cost)
+
+
+def _total_variance(fit: _Fit, correlation: Array, maximum: float) -> float:
+    """Return the variance of the rotation of a fit, columns squared, that belongs to the peak near `maximum`."""
+    displacement = float(np.hypot(*fit.parameters[1:]))
+    ambiguity = _ambiguity(correlation, fit.residuals, maximum)
+    return _variance(fit) + (DISPLACEMENT_ERROR * displacement) ** 2 + ambiguity
+
+
+def _octave_power(residuals: Array) -> Array:
+    """Return the mean power (F,) of residuals (H, W) along the rows in the octave of each frequency."""
+    power = (np.abs(np.fft.rfft(residuals, axis=1)) ** 2).mean(axis=0)
+    octaves = np.floor(np.log2(np.maximum(np.arange(len(power)), 1))).astype(int)
+    power[0] = power[1]  # the means of the rows are subtracted
+    return (np.bincount(octaves, power) / np.bincount(octaves))[octaves]
+
+
+def _mixture_variance(estimates: Sequence[_Estimate], columns: int) -> float:
+    """Return the variance, columns squared, about the estimate of the smallest variance.
+
+    Each estimate is right with a probability that is proportional to the inverse of its variance.
+    """
+    best = min(estimates, key=lambda each: each.variance)
+    variances = np.array([each.variance for each in estimates])
+    rotations = np.array([each.fit.parameters[0] for each in estimates])
+    offsets = _periodic(rotations - best.fit.parameters[0], columns)
+    weights = 1 / np.maximum(variances, np.finfo(float).tiny)
+    return float((weights / weights.sum()) @ (variances + offsets**2))
 
 
 def wrap_deg(angle: float) -> float:
@@ -173,38 +223,37 @@ def wrap_deg(angle: float) -> float:
 
 def _refine(query: PanoramaSignature, reference: PanoramaSignature, start: Array) -> _Fit:
     """Minimize the difference of a panorama from a reference by Gauss-Newton, from initial parameters (3,)."""
-    columns = query.values.shape[1]
-    azimuth = 2 * np.pi * np.arange(columns) / columns
-    basis = np.stack([np.ones(columns), np.sin(azimuth), np.cos(azimuth)])
-
-    def evaluate(parameters: Array) -> tuple[Array, Array]:
-        positions = (np.arange(columns) + parameters @ basis) % columns
-        common = query.observed & reference.observed_at(positions)
-        target = normalized(_centered(query.values, common))
-        values = _centered(reference.rows(positions).T, common)
-        norm = max(float((values**2).sum()), np.finfo(float).tiny)
-        gain = (values * target).sum() / norm
-        jacobian = gain * _centered(reference.rows(positions, 1).T * basis[:, None], common)
-        # The gain is eliminated: only the part of the slopes that is orthogonal to the values changes the residuals.
-        jacobian -= (jacobian * values).sum((1, 2), keepdims=True) * values / norm
-        return target - gain * values, jacobian
-
-    parameters = start
-    residuals, jacobian = evaluate(parameters)
+    fit = _evaluate(query, reference, start)
     for _ in range(MAX_ITERATIONS):
-        flat = jacobian.reshape(len(parameters), -1)
-        step = np.linalg.lstsq(flat @ flat.T, flat @ residuals.ravel(), rcond=None)[0]
+        flat = fit.jacobian.reshape(len(start), -1)
+        step = np.linalg.lstsq(flat @ flat.T, flat @ fit.residuals.ravel(), rcond=None)[0]
         for halving in range(MAX_HALVINGS):
-            candidate = parameters + step / 2**halving
-            tried = evaluate(candidate)
-            if (tried[0] ** 2).sum() < (residuals**2).sum():
-                parameters, (residuals, jacobian) = candidate, tried
+            candidate = _evaluate(query, reference, fit.parameters + step / 2**halving)
+            if candidate.cost < fit.cost:
+                fit = candidate
                 break
         else:
             break
         if np.abs(step).max() < STEP_COLUMNS:
             break
-    return _Fit(parameters, residuals, jacobian)
+    return fit
+
+
+def _evaluate(query: PanoramaSignature, reference: PanoramaSignature, parameters: Array) -> _Fit:
+    """Return the difference of a panorama from a reference at parameters (3,), and its Jacobian."""
+    columns = query.values.shape[1]
+    azimuth = 2 * np.pi * np.arange(columns) / columns
+    basis = np.stack([np.ones(columns), np.sin(azimuth), np.cos(azimuth)])
+    positions = (np.arange(columns) + parameters @ basis) % columns
+    common = query.observed & reference.observed_at(positions)
+    target = normalized(_centered(query.values, common))
+    values = _centered(reference.rows(positions).T, common)
+    norm = max(float((values**2).sum()), np.finfo(float).tiny)
+    gain = (values * target).sum() / norm
+    jacobian = gain * _centered(reference.rows(positions, 1).T * basis[:, None], common)
+    # The gain is eliminated: only the part of the slopes that is orthogonal to the values changes the residuals.
+    jacobian -= (jacobian * values).sum((1, 2), keepdims=True) * values / norm
+    return _Fit(parameters, target - gain * values, jacobian)
 
 
 def _centered(values: Array, common: NDArray[np.bool_]) -> Array:
@@ -227,12 +276,13 @@ def _variance(fit: _Fit) -> float:
     return float(np.mean(np.square(totals)) * len(edges) * sectors / (sectors - count))
 
 
-def _ambiguity(correlation: Array, residuals: Array, columns: int) -> float:
-    """Return the variance of the rotation, columns squared, because another maximum may be the right one.
+def _ambiguity(correlation: Array, residuals: Array, maximum: float) -> float:
+    """Return the variance of the rotation, columns squared, because another peak than that at `maximum` may be right.
 
     The likelihood of a maximum with the correlation c is (1 - c²)^(-N/2), where N is the number of independent
     residuals: with the power spectrum S, (sum S)² / sum S².
     """
+    columns = residuals.shape[1]
     power = np.abs(np.fft.fft2(residuals)) ** 2
     if not power.any():
         return 0.0
@@ -244,6 +294,11 @@ def _ambiguity(correlation: Array, residuals: Array, columns: int) -> float:
     log_likelihood = -independent / 2 * np.log(np.clip(1 - correlation[peaks] ** 2, 1e-12, None))
     probability = np.exp(log_likelihood - log_likelihood.max())
     probability /= probability.sum()
-    offsets = (peaks - correlation.argmax()) / OVERSAMPLING
-    offsets -= columns * np.round(offsets / columns)
+    nearest = peaks[np.abs(_periodic(peaks / OVERSAMPLING - maximum, columns)).argmin()]
+    offsets = _periodic((peaks - nearest) / OVERSAMPLING, columns)
     return float((probability * offsets**2).sum())
+
+
+def _periodic(offsets: Array, columns: int) -> Array:
+    """Return offsets, columns, within half a turn."""
+    return offsets - columns * np.round(offsets / columns)

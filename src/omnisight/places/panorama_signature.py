@@ -72,9 +72,12 @@ class PanoramaSignature:
     @cached_property
     def smoothed(self) -> Self:
         """The signature of the panorama smoothed along its rows."""
-        columns = self.values.shape[1]
-        gain = np.exp(-((np.arange(columns // 2 + 1) * SMOOTHING_RAD) ** 2) / 2)
-        values = np.fft.irfft(np.fft.rfft(self._interpolated, axis=1) * gain, n=columns, axis=1)
+        frequencies = np.arange(self.values.shape[1] // 2 + 1)
+        return self.filtered(np.exp(-((frequencies * SMOOTHING_RAD) ** 2) / 2))
+
+    def filtered(self, gain: Array) -> Self:
+        """Return the signature of the panorama whose rows are multiplied by gains (F,) of their frequencies."""
+        values = np.fft.irfft(np.fft.rfft(self._interpolated, axis=1) * gain, n=self.values.shape[1], axis=1)
         return self.of(values, self.observed)
 
     @cached_property
