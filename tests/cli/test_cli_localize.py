@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import omnisight as om
 from omnisight.features import detect_features
@@ -64,6 +65,10 @@ def test_images_of_another_camera_are_localized_within_their_uncertainty(run, kn
         query = QUERIES[int(image["name"].split(".")[0])]
         error = np.linalg.norm(metres_from_map @ np.array([image["position"]])[0] - query.translation)
         assert error < max(5 * metres_from_map.scale * image["sigma_position"], 0.01)
+        covariance = np.array(image["covariance"])
+        assert np.degrees(np.sqrt(np.trace(covariance[:3, :3]))) == pytest.approx(image["sigma_deg"])
+        pose = om.Pose(Rotation.from_quat(image["rotation_xyzw"]).as_matrix(), np.array(image["position"])).inverse()
+        assert np.trace(pose.position_covariance(covariance)) == pytest.approx(image["sigma_position"] ** 2)
     with poses.open(newline="") as file:
         assert [row["name"] for row in csv.DictReader(file)] == ["0.png", "1.png"]
 

@@ -76,6 +76,7 @@ def _as_dict(image: LocalizedImage) -> dict[str, Any]:
         "rotation_xyzw": quaternions(world_from_cam.rotation).tolist(),
         "sigma_deg": float(np.degrees(angle)),
         "sigma_position": distance,
+        "covariance": image.covariance.tolist(),
         **figures,
     }
 
