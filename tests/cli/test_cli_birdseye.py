@@ -140,6 +140,7 @@ def test_a_layout_calibrates_the_rig_which_is_saved(run, tmp_path):
 
 def test_clips_and_folders_give_one_view_per_frame(run, folder):
     clips = []
+    (folder / "slow").mkdir()
     for name, image in car.images().items():
         clips.append(folder / f"{name}.mp4")
         (folder / name).mkdir()
@@ -151,6 +152,11 @@ def test_clips_and_folders_give_one_view_per_frame(run, folder):
     clip = Clip.open(folder / "top.mp4")
     assert len(list(clip.frames())) == 3
     assert clip.frame_rate == pytest.approx(10)
+    write_clip(folder / "slow" / clips[3].name, [image] * 3, "mp4v", 8)
+    status, _, err = run("birdseye", *clips[:3], folder / "slow" / clips[3].name, *rig, "-o", folder / "slow.mp4")
+    assert status == 2
+    assert "10 frames per second" in err
+    assert not (folder / "slow.mp4").exists()
     mixed = [*clips[:3], folder / f"{car.RIG.names[3]}.png"]
     status, _, err = run("birdseye", *mixed, *rig, "-o", folder / "mixed.mp4")
     assert status == 2

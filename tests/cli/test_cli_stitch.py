@@ -184,3 +184,10 @@ def test_a_stitched_clip_equals_the_stitched_images_and_has_the_tags_of_a_sphere
     status, _, err = run(capsys, "stitch", tmp_path / "dual.mp4", "--rig", head / "rig.json", "-o", tmp_path / "a.xyz")
     assert status == 2
     assert "a.xyz: cannot write .xyz files" in err
+    with VideoWriter(tmp_path / "other.mp4", (480, 480), 30.0, om.VideoOptions(crf=5)) as writer:
+        writer.write(images[0], 0.0)
+        writer.write(images[0], 1 / 30)
+    clips = [tmp_path / name for name in ("dual.mp4", "other.mp4")]
+    status, _, err = run(capsys, "stitch", *clips, "--rig", head / "rig.json", "-o", tmp_path / "b.mp4")
+    assert status == 2
+    assert "30 frames per second and" in err

@@ -13,7 +13,7 @@ from omnisight.images.read import (
     readable_images,
     unreadable_warnings,
 )
-from omnisight.images.video import MAX_FRAMES, Clip, Frame
+from omnisight.images.video import MAX_FRAMES, Clip, Frame, check_frame_rates
 from omnisight.images.video_files import VIDEO_SUFFIXES
 from omnisight.images.write import encode_image, write_bytes, write_image
 
@@ -26,6 +26,7 @@ __all__ = [
     "GeodeticPosition",
     "ImageField",
     "UnreadableImage",
+    "check_frame_rates",
     "collect_images",
     "decode_image",
     "downsample",

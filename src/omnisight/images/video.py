@@ -1,6 +1,6 @@
 """Sequential reading of video files, with a one-line reason for each file that cannot be read."""
 
-from collections.abc import Collection, Generator
+from collections.abc import Collection, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,6 +24,8 @@ MAX_FRAME_PIXELS = 10**8
 MAX_FRAMES = 20_000
 # Share of the declared frames below which a clip counts as truncated; many declare a few too many.
 MIN_COMPLETE_SHARE = 0.95
+# Relative difference of frame rates up to which clips have one nominal rate: 29.97 and 30.
+MAX_RATE_DIFFERENCE = 0.002
 # The frame rate of a file that does not specify one.
 DEFAULT_FRAME_RATE = 30.0
 # Units of the start and the duration of a container, per second.
@@ -188,6 +190,24 @@ class Clip(Displayed):
                     break
         if index == 0:
             raise UnreadableImage(f"{self.path.name}: no frame can be decoded; {FFMPEG_HINT.format(self.path.name)}")
+
+
+def check_frame_rates(clips: Sequence[Clip]) -> None:
+    """Check that frames of the same number in several clips can be simultaneous.
+
+    Raises
+    ------
+    ValueError
+        If the frame rates differ.
+    """
+    if not clips:
+        return
+    slow, fast = (select(clips, key=lambda clip: clip.frame_rate) for select in (min, max))
+    if fast.frame_rate > (1 + MAX_RATE_DIFFERENCE) * slow.frame_rate:
+        raise ValueError(
+            f"{fast.path} has {fast.frame_rate:.4g} frames per second and {slow.path} {slow.frame_rate:.4g}: frames of"
+            f" the same number are not simultaneous; convert one (ffmpeg -i {fast.path.name} -r {slow.frame_rate:.4g})"
+        )
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from omnisight.images import VIDEO_SUFFIXES, Clip, collect_images, read_image
+from omnisight.images import VIDEO_SUFFIXES, Clip, check_frame_rates, collect_images, read_image
 from omnisight.parallel import prefetch
 from omnisight.pipeline.image_set import camera_of, image_folders
 
@@ -66,22 +66,21 @@ def frame_count(sources: Sequence[Path]) -> int:
     Raises
     ------
     ValueError
-        If folders have different numbers of images, or some sources are single images and others are not.
+        If folders have different numbers of images, clips have different frame rates, or some sources are single images
+        and others are not.
     """
     single = [source for source in sources if not is_sequence(source)]
     if single and len(single) < len(sources):
         raise ValueError(f"{single[0]}: is one image, others are clips or folders: specify the same for all cameras")
-    counts: dict[Path, int] = {}
-    for source in sources:
-        if source.is_dir():
-            counts[source] = len(collect_images(image_folders(source)))
-        else:
-            counts[source] = 1 if source in single else Clip.open(source).declared_frames or 0
-    folders = {path: count for path, count in counts.items() if path.is_dir()}
+    if single:
+        return 1
+    folders = {source: len(collect_images(image_folders(source))) for source in sources if source.is_dir()}
+    clips = [Clip.open(source) for source in sources if source not in folders]
+    check_frame_rates(clips)
     if len(set(folders.values())) > 1:
         listed = ", ".join(f"{path} {count}" for path, count in folders.items())
         raise ValueError(f"the folders have different numbers of images ({listed}): remove those without counterpart")
-    return min(counts.values())
+    return min([*folders.values(), *(clip.declared_frames or 0 for clip in clips)])
 
 
 def frames(source: Path, apply_exif: bool) -> Generator[tuple[Image, float]]:

@@ -14,6 +14,7 @@ from omnisight.images import (
     VIDEO_SUFFIXES,
     Clip,
     Frame,
+    check_frame_rates,
     collect_images,
     downsample,
     estimate_image_field,
@@ -130,7 +131,7 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     Raises
     ------
     ValueError
-        If there are no images, or the sources have different numbers of images.
+        If there are no images, or the sources have different numbers of images or frame rates.
     """
     if not images:
         raise ValueError("specify the images of the lenses, such as front.jpg back.jpg")
@@ -150,7 +151,10 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     is_split = len(images) == 1
     if is_split and len(names) == 1:
         raise ValueError("the rig has one camera: a single image needs no stitching, use omnisight view")
-    return HeadFrames((tuple(images),), all(clips), is_split, (label,))
+    frames = HeadFrames((tuple(images),), all(clips), is_split, (label,))
+    if frames.is_clip:
+        check_frame_rates(frames.clips)
+    return frames
 
 
 def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[LensField, LensField]:
