@@ -90,7 +90,7 @@ def test_invalid_input_is_rejected_in_one_line(refuses, drawn):
         "calibrate-lines", blank, "--lines", drawn / "bad.json"
     )
     write_image(drawn / "mask.png", np.zeros((5, 5), np.uint8))
-    assert "mask.png: is 5 x 5 px, the image is 1280 x 1024" in refuses(
+    assert "mask.png: is 5 x 5 px, and must have the size of the image or view that it masks, 1280 x 1024" in refuses(
         "calibrate-lines", blank, "--mask", drawn / "mask.png"
     )
     write_image(drawn / "small.png", np.zeros((50, 50), np.uint8))

@@ -212,7 +212,7 @@ def test_invalid_files_are_refused(refuses, photos, tmp_path):
     assert "missing.png" in refuses("epipolar", photos / "a.png", tmp_path / "missing.png")
     assert "missing.json" in refuses("epipolar", *pair, "--camera", tmp_path / "missing.json")
     om.write_image(tmp_path / "mask.png", np.full((5, 5), 255, np.uint8))
-    assert "mask.png: is 5 x 5 px, the image is 640 x 320" in refuses(
+    assert "mask.png: is 5 x 5 px, and must have the size of the image or view that it masks, 640 x 320" in refuses(
         "epipolar", *pair, "--mask", tmp_path / "mask.png"
     )
     assert "there is no folder" in refuses("epipolar", *pair, "-o", tmp_path / "missing" / "pair.png")
