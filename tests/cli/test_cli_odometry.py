@@ -11,9 +11,9 @@ import pytest
 import omnisight as om
 from clips import write_clip
 from omnisight.images import Clip
-from omnisight.simulation import fisheye_setup
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.visual_odometry.loop_result import Loop, LoopClosure
+from walks import render_walk
 
 FRAMES = 14
 
@@ -21,11 +21,7 @@ FRAMES = 14
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """Return the folder of a rendered sequence."""
-    folder = tmp_path_factory.mktemp("walk") / "room"
-    setup = fisheye_setup(400)
-    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
-    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
-    return folder
+    return render_walk(tmp_path_factory.mktemp("walk") / "room", FRAMES)
 
 
 def arguments(room, *more):

@@ -1,13 +1,12 @@
 """omnisight odometry of ROS bags, against the folder of the same images; its trajectories read by evo."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 import omnisight as om
-from omnisight.simulation import fisheye_setup
+from walks import render_walk
 
 FRAMES, FIRST_S = 8, 1700000000.0
 
@@ -15,11 +14,7 @@ FRAMES, FIRST_S = 8, 1700000000.0
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """Return the folder of a rendered sequence."""
-    folder = tmp_path_factory.mktemp("walk") / "room"
-    setup = fisheye_setup(320)
-    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
-    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
-    return folder
+    return render_walk(tmp_path_factory.mktemp("walk") / "room", FRAMES, 320)
 
 
 def table(path):

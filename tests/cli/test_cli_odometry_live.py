@@ -1,6 +1,5 @@
 """omnisight odometry --live, of a rendered clip in place of a camera."""
 
-import dataclasses
 import json
 import time
 
@@ -15,9 +14,9 @@ from omnisight.images.live_camera import LiveCamera
 from omnisight.pipeline.frame_sequence import SequenceFrame
 from omnisight.pipeline.odometry import live_odometry
 from omnisight.report.drawings.odometry import draw_path
-from omnisight.simulation import fisheye_setup
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.visual_odometry.odometry import Odometry
+from walks import render_walk
 
 FRAMES, RATE = 20, 4
 
@@ -25,10 +24,7 @@ FRAMES, RATE = 20, 4
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
     """Return a folder with a clip of a walk, its camera and its images."""
-    folder = tmp_path_factory.mktemp("walk") / "room"
-    setup = fisheye_setup(400)
-    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
-    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
+    folder = render_walk(tmp_path_factory.mktemp("walk") / "room", FRAMES)
     images = [om.read_image(path) for path in sorted((folder / "images").iterdir())]
     write_clip(folder / "clip.avi", images, frame_rate=RATE)
     return folder

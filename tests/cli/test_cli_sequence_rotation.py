@@ -1,6 +1,5 @@
 """Sequences whose images or clip specify a rotation: odometry, doctor, reconstruct and map with --apply-exif."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -9,8 +8,8 @@ import pytest
 import omnisight as om
 from clips import with_rotation, write_clip
 from jpegs import jpeg
-from omnisight.simulation import fisheye_setup
 from omnisight.simulation.trajectory import read_trajectory
+from walks import render_walk
 
 FRAMES = 12
 # EXIF orientation of an image that is rotated clockwise by 90 degrees for display.
@@ -20,11 +19,7 @@ CLOCKWISE = 6
 @pytest.fixture(scope="module")
 def room(tmp_path_factory):
     """Return the folder of a rendered sequence."""
-    folder = tmp_path_factory.mktemp("walk") / "room"
-    setup = fisheye_setup(400)
-    camera = dataclasses.replace(setup.camera, theta_max=setup.theta[1])
-    om.simulate(om.SimulateOptions("room", camera, folder, frames=FRAMES, fps=10, rays=1, jpeg=95))
-    return folder
+    return render_walk(tmp_path_factory.mktemp("walk") / "room", FRAMES)
 
 
 @pytest.fixture(scope="module")

@@ -99,7 +99,10 @@ def linearized(problem, model):
 
 @njit_driver
 def count_consistent(problem, model, threshold, shifts):
-    """Return how many first parts have a squared error of at most a threshold with the second parts so many rows on."""
+    """Return the number of first parts that agree with the second part `shift` rows later, over all shifts.
+
+    They agree if their squared error is at most a threshold.
+    """
     count, hits = len(problem[0]), 0
     for shift in shifts:
         for i in range(count):

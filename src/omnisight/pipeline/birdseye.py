@@ -214,14 +214,11 @@ def load_body(path: Path) -> Rig:
     """Read a rig, or one camera: a rig in its frame."""
     try:
         return load_rig(path)
-    except FormatError:
+    except FormatError as no_rig:
         try:
-            camera = load(path)
+            return Rig.from_sensors({path.stem: (load(path), Pose())})
         except FormatError:
-            camera = None
-        if camera is None:
-            raise
-        return Rig.from_sensors({path.stem: (camera, Pose())})
+            raise no_rig from None
 
 
 def load_images(images: ImageSources, rig: Rig, options: BirdseyeOptions) -> list[Image]:

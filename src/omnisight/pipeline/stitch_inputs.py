@@ -199,10 +199,8 @@ def _common_circle(fields: list[ImageField]) -> tuple[LensField, LensField]:
 
 def _centered(field: ImageField) -> LensField:
     """Return the field of another lens in the centre of the image: both are not decentered alike."""
-    if field.outer is None:
-        raise ValueError("the field has no image circle")
     width, height = field.size
-    circle = replace(field.outer, centre=((width - 1) / 2, (height - 1) / 2))
+    circle = replace(LensField(field).circle, centre=((width - 1) / 2, (height - 1) / 2))
     return LensField(replace(field, outer=circle), is_own=False)
 
 

@@ -127,19 +127,20 @@ class HeadProblem:
 
     def residuals(self, x: Array) -> Array:
         """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
-        cameras, rotation = self.cameras(x), self.rotation_at(x)
-        a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
-        seen = _both_seen(a, b)[:, None]
-        parts = [np.where(seen, (a @ rotation.T - b) / self.sigma, np.inf).ravel(), *self.epipolar_residuals(x)]
+        parts = [self._differences(x).ravel() / self.sigma, *self.epipolar_residuals(x)]
         robust = np.arctan(np.concatenate(parts) / CAUCHY_SIGMA) * CAUCHY_SIGMA
-        robust[: 3 * len(a)] /= np.sqrt(self.overlap.correlation)
+        robust[: 3 * len(self.overlap)] /= np.sqrt(self.overlap.correlation)
         return np.concatenate([robust, self._priors(x)])
 
     def distances(self, x: Array) -> Array:
         """Return the angles (N,) between the matches of the overlap after the rotation, infinite outside the domain."""
+        return np.linalg.norm(self._differences(x), axis=1)
+
+    def _differences(self, x: Array) -> Array:
+        """Return the differences (N, 3) of the bearings of the overlap after the rotation."""
         cameras, rotation = self.cameras(x), self.rotation_at(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
-        return np.where(_both_seen(a, b), np.linalg.norm(a @ rotation.T - b, axis=1), np.inf)
+        return np.where(_both_seen(a, b)[:, None], a @ rotation.T - b, np.inf)
 
     def correlations(self) -> Array:
         """Return the factor of the error of each residual over that of an independent one.

@@ -132,7 +132,7 @@ def tangent_covariances(bearings: Array, covariance: ArrayLike | None, sigma_deg
     if given.shape != (len(bearings), 3, 3):
         raise ValueError(f"covariances must have the shape ({len(bearings)}, 3, 3), one per bearing, got {given.shape}")
     tangent = project @ given @ project
-    bad = np.flatnonzero(~(np.trace(tangent, axis1=1, axis2=2) > 0))
+    bad = np.flatnonzero(~(isotropic_variance(tangent) > 0))
     if len(bad):
         raise ValueError(f"the covariance of bearing {bad[0]} is not positive across the bearing")
     return tangent

@@ -15,7 +15,7 @@ from omnisight.views.surround_remapper import SurroundRemapper
 # In a rendered town, where cars and walls hide the ground, the right order has down to -0.05, the best wrong one at
 # most 0.30.
 MIN_CORRELATION = 0.5
-# Images of which all orders are compared: 720 orders.
+# Largest number of images whose orders are all compared: 720 orders.
 MAX_IMAGES = 6
 
 

@@ -11,6 +11,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.robust_estimation import estimate_robustly
 from omnisight.rig import Rig
+from omnisight.twoview.bearing_pairs import isotropic_variance
 from omnisight.twoview.triangulation import triangulate
 from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.window import Keyframe
@@ -66,7 +67,7 @@ class Relocalizer:
             points.append(described.points[pairs[:, 0]])
             origins.append(rays.origins)
             bearings.append(rays.bearings)
-            variances.append(np.trace(found.covariance[pairs[:, 1]], axis1=1, axis2=2) / 2)
+            variances.append(isotropic_variance(found.covariance[pairs[:, 1]]))
         x, o, b, variance = (np.concatenate(parts) for parts in (points, origins, bearings, variances))
         use = np.isfinite(b).all(axis=1)
         x, o, b, variance = x[use], o[use], b[use], variance[use]
