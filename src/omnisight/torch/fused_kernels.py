@@ -144,12 +144,12 @@ def map_kernel(project: Formula, unproject: Formula) -> Callable[..., Any]:
     ) -> tuple[Tensor, Tensor, Tensor]:
         u, v = (torch.arange(count, dtype=rotation.dtype, device=rotation.device) for count in (width, height))
         grid = u.expand(1, height, -1), v[:, None].expand(1, -1, width)
-        bearing, seen = unproject.components(grid, unproject.values_of(target), unproject.model.unrolled_steps)
+        (x, y, z), seen = unproject.components(grid, unproject.values_of(target), unproject.model.unrolled_steps)
         rows = [row.unbind(1) for row in rotation[..., None, None].unbind(1)]
-        rotated = [sum(r * x for r, x in zip(row, bearing, strict=True)) for row in rows]
+        rotated = [r_x * x + r_y * y + r_z * z for r_x, r_y, r_z in rows]
         pixels, valid = project.components(rotated, project.values_of(source), project.model.unrolled_steps)
         valid = valid & seen & Bounds(*bounds.unbind()).contain(*pixels)
-        return torch.stack([torch.where(valid, x, torch.nan) for x in pixels], -1), valid, seen[0]
+        return torch.stack([torch.where(valid, axis, torch.nan) for axis in pixels], -1), valid, seen[0]
 
     return torch.compile(compute, dynamic=True)
 
