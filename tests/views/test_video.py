@@ -15,8 +15,9 @@ from lenses import bearing_error
 from omnisight.calibration import frame_selection
 from omnisight.calibration.frame_information import select_informative_views
 from omnisight.calibration.frame_selection import select_frames
-from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image, to_gray8
+from omnisight.images import Clip, UnreadableImage, collect_images, read_image, to_gray8
 from omnisight.images.video import is_clip
+from omnisight.images.video_files import VIDEO_SUFFIXES
 from omnisight.simulation import fisheye_setup
 from omnisight.targets import Checkerboard, clip_detection, detect_boards
 from omnisight.targets.clip_detection import detect_in_clip

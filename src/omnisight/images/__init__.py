@@ -14,13 +14,12 @@ from omnisight.images.read import (
     unreadable_warnings,
 )
 from omnisight.images.video import MAX_FRAMES, Clip, Frame, check_frame_rates
-from omnisight.images.video_files import VIDEO_SUFFIXES
+from omnisight.images.video_files import has_clip_suffix
 from omnisight.images.write import encode_image, write_bytes, write_image
 
 __all__ = [
     "IMAGE_SUFFIXES",
     "MAX_FRAMES",
-    "VIDEO_SUFFIXES",
     "Clip",
     "Frame",
     "GeodeticPosition",
@@ -35,6 +34,7 @@ __all__ = [
     "exif_orientation",
     "exif_position",
     "expand_path",
+    "has_clip_suffix",
     "read_bytes",
     "read_image",
     "read_mask",

@@ -9,7 +9,7 @@ from os import PathLike
 from pathlib import Path
 
 from omnisight.extensions import no_such_file
-from omnisight.images.video_files import VIDEO_SUFFIXES
+from omnisight.images.video_files import VIDEO_SUFFIXES, has_clip_suffix
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
@@ -67,7 +67,7 @@ def expand_path(item: str | PathLike[str]) -> list[Path]:
     if path.is_dir():
         files = [file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")]
         has_images = any(file.suffix.lower() in IMAGE_SUFFIXES for file in files)
-        return [file for file in files if not has_images or file.suffix.lower() not in VIDEO_SUFFIXES]
+        return [file for file in files if not has_images or not has_clip_suffix(file)]
     if path.is_file():
         return [path]
     if not glob.has_magic(str(path)):

@@ -15,7 +15,7 @@ from omnisight.display import Displayed
 from omnisight.images.collect import IMAGE_SUFFIXES
 from omnisight.images.planes import Yuv, rotated
 from omnisight.images.read import UnreadableImage
-from omnisight.images.video_files import VIDEO_SUFFIXES, avi_frame_count, find_defect
+from omnisight.images.video_files import VIDEO_SUFFIXES, avi_frame_count, find_defect, has_clip_suffix
 from omnisight.parallel import thread_count
 
 # A larger frame is refused before memory is allocated for it.
@@ -42,7 +42,7 @@ def is_clip(path: Path) -> bool:
     ValueError
         If it is a file of another kind.
     """
-    is_video = path.suffix.lower() in VIDEO_SUFFIXES and not path.is_dir()
+    is_video = has_clip_suffix(path)
     if path.is_file() and not is_video and path.suffix.lower() not in IMAGE_SUFFIXES:
         clips, images = (" ".join(suffix[1:] for suffix in each) for each in (VIDEO_SUFFIXES, IMAGE_SUFFIXES))
         raise ValueError(

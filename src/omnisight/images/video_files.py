@@ -1,6 +1,7 @@
 """Recognition of video files by their first bytes, before a decoder reads them."""
 
 import os
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,11 @@ SIGNATURES = (
 )
 # A limit on the top-level boxes of an MP4 file: a hostile file cannot stall the reader.
 MAX_MP4_BOXES = 1000
+
+
+def has_clip_suffix(path: str | PathLike[str]) -> bool:
+    """Return whether a path has the extension of a video clip and is not a folder."""
+    return Path(path).suffix.lower() in VIDEO_SUFFIXES and not Path(path).is_dir()
 
 
 def find_defect(path: Path) -> str | None:

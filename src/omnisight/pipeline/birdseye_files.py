@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.formats import format_of_suffix, save
-from omnisight.images import VIDEO_SUFFIXES, Clip, write_image
+from omnisight.images import Clip, write_image
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
@@ -127,7 +127,7 @@ def _check_output(
     several = any(is_sequence(source) for source in sources)
     if several and output.suffix and not output.is_dir():
         video.codec_of(output)
-    if not several and (output.is_dir() or output.suffix.lower() in VIDEO_SUFFIXES):
+    if not several and is_sequence(output):
         raise ValueError(f"{output}: the view of one moment is an image; name a file, such as top.png")
     if not several:
         check_image_suffix(output)

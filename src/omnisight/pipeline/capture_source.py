@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnisight.images import VIDEO_SUFFIXES, Clip, UnreadableImage, collect_images, read_image
+from omnisight.images import Clip, UnreadableImage, collect_images, has_clip_suffix, read_image
 from omnisight.images.live_camera import CameraFrame, LiveCamera
 from omnisight.targets.clip_detection import INTERVAL_S, CandidateFrame, best_of_intervals
 
@@ -47,11 +47,11 @@ class CaptureSource:
             frames = LiveCamera(int(source)).frames()
             return cls(f"camera {source}", best_of_intervals(frames, round(LIVE_FRAME_RATE * INTERVAL_S)))
         paths = collect_images([source], videos=True)
-        if len(paths) == 1 and paths[0].suffix.lower() in VIDEO_SUFFIXES:
+        if len(paths) == 1 and has_clip_suffix(paths[0]):
             clip = Clip.open(paths[0], upright=apply_exif)
             interval = max(round(clip.frame_rate * INTERVAL_S), 1)
             return cls(source, best_of_intervals(clip.frames(), interval))
-        images = [path for path in paths if path.suffix.lower() not in VIDEO_SUFFIXES]
+        images = [path for path in paths if not has_clip_suffix(path)]
         return cls(source, _of_images(images, apply_exif))
 
 

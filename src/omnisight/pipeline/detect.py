@@ -11,7 +11,7 @@ import numpy as np
 
 from omnisight.calibration.warm_up import start_warm_up
 from omnisight.corners import read_corners
-from omnisight.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES, UnreadableImage, collect_images
+from omnisight.images import IMAGE_SUFFIXES, UnreadableImage, collect_images, has_clip_suffix
 from omnisight.images.collect import expand_path
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.options import DetectOptions, SourceOptions, check_options
@@ -51,7 +51,7 @@ def detect(
     remarks: dict[Path, str] = {}
     unreadable: list[ImageDetection] = []
     for path in collect_images(_paths(source), videos=True):
-        if path.suffix.lower() not in VIDEO_SUFFIXES:
+        if not has_clip_suffix(path):
             images.append(path)
             continue
         from omnisight.calibration.frame_selection import select_frames  # imported on use: it compiles
@@ -129,7 +129,7 @@ def is_corner_source(items: Iterable[str | PathLike[str]]) -> bool:
     """
     items = [Path(item) for item in items]
     files = [path for item in items for path in expand_path(item)]
-    has_images = any(path.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) for path in files)
+    has_images = any(path.suffix.lower() in IMAGE_SUFFIXES or has_clip_suffix(path) for path in files)
     return bool(files) and not has_images and not any(item.expanduser().is_dir() for item in items)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import VIDEO_SUFFIXES, UnreadableImage, read_image, readable_images
+from omnisight.images import UnreadableImage, has_clip_suffix, read_image, readable_images
 from omnisight.images.live_camera import LiveCamera
 from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.images.video import Clip, is_clip
@@ -87,7 +87,7 @@ class FrameSequence:
         ValueError
             If there is no such camera or clip.
         """
-        if not source.isdigit() and Path(source).suffix.lower() not in VIDEO_SUFFIXES:
+        if not source.isdigit() and not has_clip_suffix(source):
             raise ValueError(f"{source}: is neither the number of a connected camera, such as 0, nor a clip")
         camera = LiveCamera(int(source) if source.isdigit() else Path(source), upright=options.apply_exif)
         return cls((), (), camera.label, camera=camera)

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from omnisight.images import VIDEO_SUFFIXES, Clip, check_frame_rates, collect_images, read_image
+from omnisight.images import Clip, check_frame_rates, collect_images, has_clip_suffix, read_image
 from omnisight.parallel import prefetch
 from omnisight.pipeline.image_set import camera_of, image_folders
 
@@ -57,7 +57,7 @@ def check_order(sources: Sequence[Any], names: Sequence[str]) -> None:
 
 def is_sequence(source: Path) -> bool:
     """Return whether a source is a folder or a clip."""
-    return source.is_dir() or source.suffix.lower() in VIDEO_SUFFIXES
+    return source.is_dir() or has_clip_suffix(source)
 
 
 def frame_count(sources: Sequence[Path]) -> int:
@@ -85,7 +85,7 @@ def frame_count(sources: Sequence[Path]) -> int:
 
 def frames(source: Path, apply_exif: bool) -> Generator[tuple[Image, float]]:
     """Return the images of a file, a folder or a clip one after the other, and their times, seconds."""
-    if source.suffix.lower() in VIDEO_SUFFIXES and not source.is_dir():
+    if has_clip_suffix(source):
         with closing(Clip.open(source, upright=apply_exif).frames(limit=None)) as decoded:
             for frame in decoded:
                 yield frame.image, frame.seconds

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.calibration.frame_selection import select_frames, write_frames
-from omnisight.images import IMAGE_SUFFIXES, VIDEO_SUFFIXES
+from omnisight.images import IMAGE_SUFFIXES, has_clip_suffix
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 
 Progress = Callable[[str, int, int], None]
@@ -86,4 +86,4 @@ def with_common_frames(sources: Mapping[str, Any], options: CalibrateRigOptions,
 
 
 def _is_clip(source: Any) -> bool:
-    return isinstance(source, str | PathLike) and Path(source).suffix.lower() in VIDEO_SUFFIXES
+    return isinstance(source, str | PathLike) and has_clip_suffix(source)

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import (
-    VIDEO_SUFFIXES,
     Clip,
     Frame,
     check_frame_rates,
     collect_images,
     downsample,
     estimate_image_field,
+    has_clip_suffix,
     read_image,
     to_gray8,
 )
@@ -144,7 +144,7 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
         return frames_of_folder(found, images[0], names or HEAD_NAMES)
     if all(is_folder):
         return frames_of_folders(images, [collect_images(image_folders(folder)) for folder in paths if folder])
-    clips = [path is not None and path.suffix.lower() in VIDEO_SUFFIXES for path in paths]
+    clips = [path is not None and has_clip_suffix(path) for path in paths]
     if any(clips) and not all(clips):
         raise ValueError("specify images or clips of all lenses, not both")
     label = Path(str(images[0])).stem if paths[0] is not None else "image"

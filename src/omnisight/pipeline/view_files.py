@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from pathlib import Path
 
-from omnisight.images import VIDEO_SUFFIXES
+from omnisight.images import has_clip_suffix
 from omnisight.pipeline.central_camera import AnyCameraSource
 from omnisight.pipeline.view import Progress, ViewResult, view
 from omnisight.pipeline.view_clip import ClipViews, view_clip
@@ -38,7 +37,7 @@ def view_files(
         If a clip is not the only input, an option does not apply to the inputs, or as of `view` and `view_clip`.
     """
     report = progress or (lambda stage, done, total: None)
-    clips = [image for image in images if Path(image).suffix.lower() in VIDEO_SUFFIXES]
+    clips = [image for image in images if has_clip_suffix(image)]
     if clips and len(images) > 1:
         raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
     if (mask or view_camera) and (clips or len(views) > 1):

@@ -25,15 +25,11 @@ from omnisight.sfm.view_graph import Edge
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Change of the direction to a point, and of the logarithm of its distance, up to which keypoints match, and changes by
-# which the number of matches decreases to 1/e: in rendered rooms and streets, and real photos of a board.
-MAX_TURN_RAD, MAX_LOG_RATIO = float(np.radians(45.0)), float(np.log(2.0))
-TURN_DECAY_RAD, LOG_RATIO_DECAY = float(np.radians(40.0)), 0.6
 # Angle up to which a keypoint has the distance of the nearest keypoint whose distance is known: of the same wall.
 MAX_INTERPOLATION_RAD = float(np.radians(10.0))
 # Distance of a predicted direction from the nearest keypoint, in units of the median distance of keypoints from each
-# other: farther away, the image may not show the surface. A point farther than it by this factor is hidden.
-MAX_GAP, HIDDEN_LOG_RATIO = 2.0, float(np.log(1.3))
+# other: farther away, the image may not show the surface.
+MAX_GAP = 2.0
 # Cells along each edge of a cube on which the distances from an image are tabulated; a cell is 1.9 degrees wide. The
 # radius is that of the largest cells.
 CELLS = 48
@@ -93,15 +89,13 @@ class KnownPoints:
         It sees them in a similar direction, at a similar distance, and past its own points. The number is relative to
         that in images from one place.
         """
-        points = pose @ (self.bearings * self.distances[:, None])
-        distances = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
-        directions = points / distances[:, None]
-        turns = np.arccos(np.clip(np.einsum("ni,ni->n", directions, self.bearings @ pose.rotation.T), -1.0, 1.0))
-        log_ratio = np.log(distances / self.distances)
-        seen = (turns <= MAX_TURN_RAD) & (np.abs(log_ratio) <= MAX_LOG_RATIO)
-        seen &= other.farthest[_cell(directions)] >= distances * np.exp(-HIDDEN_LOG_RATIO)
-        number = np.exp(-turns[seen] / TURN_DECAY_RAD - np.abs(log_ratio[seen]) / LOG_RATIO_DECAY).sum()
-        return self.keypoint[seen], float(number)
+        from omnisight.sfm._visibility_kernel import mark_visible
+
+        seen = np.empty(len(self.keypoint), bool)
+        number = mark_visible(
+            self.bearings, self.distances, pose.rotation, pose.translation, other.farthest, CELLS, seen
+        )
+        return self.keypoint[seen], number
 
 
 class PredictedMatches(NamedTuple):
@@ -232,15 +226,6 @@ def known_points(points: PointDistances, log_distances: Array) -> list[KnownPoin
         return KnownPoints.of(points.keypoints[image].bearings, known, distances[known]) if len(known) else None
 
     return parallel_map(of_image, range(len(points.keypoints)))
-
-
-def _cell(directions: Array) -> Indices:
-    """Return the cell (N,) of the cube that directions (N, 3) pass."""
-    rows, axis = np.arange(len(directions)), np.abs(directions).argmax(axis=1)
-    along = directions[rows, axis]
-    across = directions[rows[:, None], (axis[:, None] + (1, 2)) % 3] / np.abs(along)[:, None]
-    square = np.minimum(((np.arctan(across) * (4 / np.pi) + 1) * (CELLS / 2)).astype(np.intp), CELLS - 1)
-    return ((2 * axis + (along < 0)) * CELLS + square[:, 0]) * CELLS + square[:, 1]
 
 
 @cache
