@@ -22,7 +22,7 @@ from omnisight.geometry.pose import Pose as Pose
 from omnisight.geometry.rotation import look as look
 from omnisight.images import read_image as read_image
 from omnisight.images import write_image as write_image
-from omnisight.localization.visual_map import LocalizedImage as LocalizedImage
+from omnisight.localization.localize import LocalizedImage as LocalizedImage
 from omnisight.localization.visual_map import VisualMap as VisualMap
 from omnisight.models import CameraModel as CameraModel
 from omnisight.models import Projector as Projector
@@ -75,6 +75,7 @@ from omnisight.pipeline.export_map import export_map as export_map
 from omnisight.pipeline.inspect import CameraDescription as CameraDescription
 from omnisight.pipeline.inspect import RadialProfile as RadialProfile
 from omnisight.pipeline.inspect import inspect as inspect
+from omnisight.pipeline.localization_result import LocalizationResult as LocalizationResult
 from omnisight.pipeline.localize import localize as localize
 from omnisight.pipeline.localize_options import LocalizeOptions as LocalizeOptions
 from omnisight.pipeline.next_view import NextViewOptions as NextViewOptions

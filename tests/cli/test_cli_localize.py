@@ -73,6 +73,25 @@ def test_images_of_another_camera_are_localized_within_their_uncertainty(run, kn
         assert [row["name"] for row in csv.DictReader(file)] == ["0.png", "1.png"]
 
 
+@pytest.mark.parametrize("fov", [80, 82])
+def test_a_wrong_focal_length_is_reported(run, known, tmp_path, fov):
+    om.save(om.perspective((480, 360), fov), tmp_path / "camera.json")
+    arguments = "localize", known / "phone", "--map", known / "map", "--camera", tmp_path / "camera.json"
+    status, out, err = run(*arguments, "--json")
+    assert status == 0, err
+    change = json.loads(out)["focal_length_change"]
+    if fov == 80:
+        assert change is None
+        assert err == ""
+        return
+    wrong = np.tan(np.radians(82 / 2)) / np.tan(np.radians(80 / 2)) - 1
+    assert change["relative"] == pytest.approx(wrong, abs=5 * change["sigma"])
+    assert "the images agree best with a focal length" in err
+    _, out, err = run(*arguments)
+    assert "longer than that of the calibration" in out
+    assert "calibrate the camera (omnisight calibrate)" in err
+
+
 def test_images_without_pose_have_a_reason(run, known, tmp_path):
     om.write_image(tmp_path / "gray.png", np.full((360, 480, 3), 128, np.uint8))
     status, out, err = run("localize", tmp_path, "--map", known / "map", "--camera", known / "phone.json")

@@ -4,62 +4,11 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from localization.known_points import DIMENSION, descriptors_of, localized, seen_from, unit
 from omnisight.geometry import rotation as so3
-from omnisight.localization.visual_map import match_points
+from omnisight.localization.matched_points import match_points
 from omnisight.pipeline.visual_map import FILE
-from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
-from omnisight.views import sphere
-
-SIGMA_RAD = 1e-3
-DIMENSION = 128
-
-
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def descriptors_of(points, rng):
-    """Return descriptors of observations of points, which differ a little from each other."""
-    base = np.abs(np.random.default_rng(7).normal(size=(400, DIMENSION)))
-    return unit(unit(base)[points] + 0.02 * rng.normal(size=(len(points), DIMENSION))).clip(0).astype(np.float32)
-
-
-@pytest.fixture(scope="module")
-def world():
-    """Return a map of 400 points around six panoramas, and its points."""
-    rng = np.random.default_rng(0)
-    points = unit(rng.normal(size=(400, 3))) * rng.uniform(2, 4, (400, 1))
-    poses = [om.Pose(so3.exp(rng.normal(0, 0.5, 3)), rng.normal(0, 0.4, 3)) for _ in range(6)]
-    image, point = np.repeat(np.arange(6), 400), np.tile(np.arange(400), 6)
-    camera = sphere(1024)
-    pixels = np.concatenate([camera.project(pose @ points)[0] for pose in poses])
-    model = Reconstruction(
-        om.Rig((camera,), (om.Pose(),), ("camera",)),
-        tuple(f"{k}.jpg" for k in range(6)),
-        np.zeros(6, int),
-        np.arange(6),
-        tuple(poses),
-        np.zeros((6, 6, 6)),
-        Points(points, np.tile(1e-6 * np.eye(3), (400, 1, 1)), np.zeros((400, 3), np.uint8)),
-        PointObservations(image, point, pixels, np.zeros((2400, 2))),
-    )
-    return om.VisualMap(model, descriptors_of(point, rng)), points
-
-
-def seen_from(pose, points, rng, ids, wrong=0.0):
-    """Return keypoints of points in a camera at a pose, with Gaussian noise; some are of other points."""
-    bearings = unit(pose @ points[ids])
-    noise = rng.normal(0, SIGMA_RAD, bearings.shape)
-    seen = unit(bearings + noise - (noise * bearings).sum(1, keepdims=True) * bearings)
-    covariance = SIGMA_RAD**2 * (np.eye(3) - seen[:, :, None] * seen[:, None, :])
-    shown = np.where(rng.random(len(ids)) < wrong, rng.permutation(len(points))[: len(ids)], ids)
-    return om.Keypoints(np.zeros((len(ids), 2)), seen, covariance, np.full(len(ids), 0.01), descriptors_of(shown, rng))
-
-
-def localized(keypoints, visual_map):
-    from omnisight.localization.visual_map import localize
-
-    return localize(keypoints, visual_map)
+from omnisight.sfm.reconstruction import Points, Reconstruction
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.4])

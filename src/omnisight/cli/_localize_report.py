@@ -1,17 +1,20 @@
 """Output of `omnisight map` and `omnisight localize`."""
 
-from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omnisight.cli._console import console
-from omnisight.cli._output import write_json
-from omnisight.cli._reconstruct_report import weaknesses
+from omnisight.cli._output import warn, write_json
+from omnisight.cli._reconstruct_report import focal_length_changes_json, focal_length_warnings, weaknesses
 from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
-from omnisight.localization.visual_map import LocalizedImage, VisualMap
+from omnisight.images import unreadable_warnings
+from omnisight.localization.localize import LocalizedImage
+from omnisight.localization.visual_map import VisualMap
+from omnisight.pipeline.localization_result import LocalizationResult
 from omnisight.pipeline.reconstruction_result import ReconstructionResult
 
 
@@ -28,6 +31,7 @@ def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None
         "longest_track_deg": degrees,
         "unregistered": missing_images(result),
         "unverified": made.reconstruction.unverified if made else [],
+        "focal_length_changes": focal_length_changes_json(result),
         "seconds": round(result.seconds, 3),
         "reason": result.reason,
     }
@@ -45,7 +49,7 @@ def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> No
     model, (images, degrees) = made.reconstruction, made.longest_track
     print(f"map       {len(model)} of {result.images} images, {len(model.points)} points in {_unit(made)}")
     print(f"tracks    longest in {images} images, widest over {degrees:.0f}° of the view")
-    for warning in weaknesses(model):
+    for warning in [*weaknesses(model), *focal_length_warnings(result)]:
         print(f"warning   {warning}")
     for name, reason in missing_images(result).items():
         print(f"missing   {name}: {reason}")
@@ -53,15 +57,28 @@ def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> No
     print(f"written   {output}")
 
 
-def print_json(found: Mapping[str, LocalizedImage], known: VisualMap) -> None:
+def print_json(found: LocalizationResult, known: VisualMap) -> None:
     """Print the poses as one JSON object."""
     images = [{"name": name, **_as_dict(image)} for name, image in found.items()]
     data = {
         "localized": sum(map(bool, found.values())),
         "images": images,
         "has_scale": known.reconstruction.has_scale,
+        "focal_length_change": found.focal_length_change and asdict(found.focal_length_change),
     }
     write_json(data)
+
+
+def print_warnings(found: LocalizationResult) -> None:
+    """Print warnings on stderr."""
+    unreadable = [image.reason for image in found.values() if not image.is_readable]
+    for warning in unreadable_warnings(unreadable, len(found)):
+        warn(warning)
+    if (change := found.focal_length_change) and change.is_suspicious:
+        warn(
+            f"the images agree best with {change.description}: does the camera file belong to these images, and"
+            " were they resized or cropped? Otherwise calibrate the camera (omnisight calibrate), or that of the map"
+        )
 
 
 def _as_dict(image: LocalizedImage) -> dict[str, Any]:
@@ -81,7 +98,7 @@ def _as_dict(image: LocalizedImage) -> dict[str, Any]:
     }
 
 
-def print_report(found: Mapping[str, LocalizedImage], known: VisualMap, output: Path | None) -> None:
+def print_report(found: LocalizationResult, known: VisualMap, output: Path | None) -> None:
     """Print a table of the poses."""
     from rich.table import Table
 
@@ -101,6 +118,9 @@ def print_report(found: Mapping[str, LocalizedImage], known: VisualMap, output: 
         table.add_row(name, position, *figures, f"near {image.nearest}")
     out.print(table)
     out.print()
+    if change := found.focal_length_change:
+        print(f"camera    the images agree best with {change.description};")
+        print("          the standard deviations include its effect")
     print(f"localized {sum(map(bool, found.values()))} of {len(found)} images in {_unit(known)}")
     print(f"written   {output or 'nothing'}")
 

@@ -1,6 +1,7 @@
 """Report of `omnisight reconstruct`."""
 
 from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +51,7 @@ def summary(result: ReconstructionResult) -> dict[str, object]:
         "scale_sigma": model.scale_sigma if model and model.has_scale and np.isfinite(model.scale_sigma) else None,
         "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
-        "focal_length_changes": {
-            name: {"relative": change.relative, "sigma": change.sigma}
-            for name, change in result.focal_length_changes.items()
-        },
+        "focal_length_changes": focal_length_changes_json(result),
         "unregistered": result.unregistered,
         "unverified": list(model.unverified) if model else [],
         "seconds": round(result.seconds, 3),
@@ -107,13 +105,8 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print("scale       arbitrary")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
-    for name, change in result.focal_length_changes.items():
-        length = f"about {abs(change.relative):.1%} {'longer' if change.relative > 0 else 'shorter'}"
-        print(
-            f"warning     {name}: the images agree best with a focal length {length}"
-            " than that of the calibration: does the camera file belong to these images, and were they resized or"
-            " cropped?"
-        )
+    for warning in focal_length_warnings(result):
+        print(f"warning     {warning}")
     memory = "" if (megabytes := _megabytes(result)) is None else f", {megabytes} MB of memory at most"
     print(f"time        {result.seconds:.0f} s{memory}")
     print(f"look at     {(output / 'viewer.html').resolve().as_uri()}")
@@ -121,6 +114,20 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""
         print(f"left out    {first}{others}: {reason}")
+
+
+def focal_length_changes_json(result: ReconstructionResult) -> dict[str, object]:
+    """Return the suspicious focal lengths of cameras by their names."""
+    return {name: asdict(change) for name, change in result.focal_length_changes.items()}
+
+
+def focal_length_warnings(result: ReconstructionResult) -> list[str]:
+    """Return which cameras have a suspicious focal length, and what to do."""
+    return [
+        f"{name}: the images agree best with {change.description}: does the camera file belong to these images, and"
+        " were they resized or cropped?"
+        for name, change in result.focal_length_changes.items()
+    ]
 
 
 def weaknesses(model: Reconstruction) -> list[str]:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from omnisight.cli._output import is_json, warn
+from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.localize_options import LocalizeOptions
 
@@ -35,8 +35,7 @@ def localize(
         Table of the poses (world_from_camera) to write, .csv; images without a pose are left out.
     """
     from omnisight.cli._files import must_be_writable, refuse_inputs
-    from omnisight.cli._localize_report import print_json, print_report
-    from omnisight.images import unreadable_warnings
+    from omnisight.cli._localize_report import print_json, print_report, print_warnings
     from omnisight.pipeline.localize import localize as run
     from omnisight.pipeline.visual_map import read_map
     from omnisight.reconstructions.poses_csv import write_poses
@@ -53,7 +52,6 @@ def localize(
         print_json(found, known)
     else:
         print_report(found, known, output)
-    for warning in unreadable_warnings([image.reason for image in found.values() if not image.is_readable], len(found)):
-        warn(warning)
+    print_warnings(found)
     if not any(found.values()):
         raise ValueError(f"{' '.join(images)}: no image was localized in {map}")

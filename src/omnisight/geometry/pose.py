@@ -83,3 +83,7 @@ class Pose(Displayed):
         """Return the pose moved by a step (w, v) (6,), rotation vector and translation: x_b = exp(w) R x_a + t + v."""
         s = np.asarray(step, float)
         return type(self)(so3.exp(s[:3]) @ self.rotation, self.translation + s[3:])
+
+    def step_to(self, other: "Pose") -> Array:
+        """Return the step (w, v) (6,) of `moved` to another pose."""
+        return np.append(so3.log(other.rotation @ self.rotation.T), other.translation - self.translation)

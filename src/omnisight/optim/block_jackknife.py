@@ -19,13 +19,23 @@ MAX_CHANCE_RATIO = 4.0
 def variance_ratio(problem: Any, model: Array, positions: Array) -> float:
     """Return the variance of an estimate over that of independent residuals; 1 if the difference is not significant.
 
-    See `measured_variance_ratio`.
+    Parameters
+    ----------
+    problem
+        A problem of `_robust_problem_kernel`, its inliers only.
+    model
+        (3, 4), the estimate.
+    positions
+        See `measured_variance_ratio`.
     """
-    ratio = measured_variance_ratio(problem, model, positions)
+    from omnisight.optim._robust_problem_kernel import linearized
+
+    residuals, jacobians = linearized(problem, model)
+    ratio = measured_variance_ratio(residuals, jacobians, positions)
     return ratio if ratio > MAX_CHANCE_RATIO else 1.0
 
 
-def measured_variance_ratio(problem: Any, model: Array, positions: Array) -> float:
+def measured_variance_ratio(residuals: Array, jacobians: Array, positions: Array) -> float:
     """Return the variance of an estimate over that of independent residuals, as measured.
 
     Residuals of neighbouring observations are correlated by errors of the calibration and by common structures. The
@@ -37,18 +47,16 @@ def measured_variance_ratio(problem: Any, model: Array, positions: Array) -> flo
 
     Parameters
     ----------
-    problem
-        A problem of `_robust_problem_kernel`, its inliers only.
-    model
-        (3, 4), the estimate.
+    residuals, jacobians
+        (N, D) of the estimate, over their standard deviations, and their derivatives (N, D, P) by a step; NaN where the
+        model makes the observation impossible.
     positions
         (N, K) vectors by whose distance observations are neighbours.
     """
     from omnisight.optim._block_jackknife_kernel import deletion_variance
-    from omnisight.optim._robust_problem_kernel import linearized
 
-    residuals, jacobians = linearized(problem, model)
     _, dimension, parameters = jacobians.shape
     if np.isfinite(residuals[:, 0]).sum() <= parameters * 2**HALVINGS // dimension:
         return 1.0
-    return float(deletion_variance(residuals, jacobians, np.ascontiguousarray(positions), HALVINGS))
+    arrays = map(np.ascontiguousarray, (residuals, jacobians, positions))
+    return float(deletion_variance(*arrays, HALVINGS))

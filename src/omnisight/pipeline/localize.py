@@ -1,15 +1,18 @@
 """Localization of images in a map: `omnisight localize`."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from os import PathLike
 
 from omnisight.features import FeatureOptions, detect_features
 from omnisight.images import UnreadableImage, read_image, read_mask
-from omnisight.localization.visual_map import LocalizedImage, VisualMap
-from omnisight.localization.visual_map import localize as localize_keypoints
+from omnisight.localization.focal_length_check import check_focal_length
+from omnisight.localization.localize import LocalizedImage
+from omnisight.localization.localize import localize as localize_keypoints
+from omnisight.localization.visual_map import VisualMap
 from omnisight.pipeline.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.detected_images import Progress
 from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.localization_result import LocalizationResult
 from omnisight.pipeline.localize_options import LocalizeOptions
 from omnisight.pipeline.visual_map import read_map
 
@@ -20,7 +23,7 @@ def localize(
     camera: CameraSource | None = None,
     options: LocalizeOptions = LocalizeOptions(),
     progress: Progress = lambda stage, done, total: None,
-) -> Mapping[str, LocalizedImage]:
+) -> LocalizationResult:
     """Estimate the poses of images in a map that other images, of any other camera, were used for.
 
     Parameters
@@ -38,7 +41,8 @@ def localize(
 
     Returns
     -------
-    For each image, by name, its pose and covariance, or the reason why it is unknown.
+    For each image, by name, its pose and covariance, or the reason why it is unknown; and the focal length that the
+    images agree with best, if it differs from that of the camera and moves the poses.
 
     Raises
     ------
@@ -61,8 +65,9 @@ def localize(
         model = camera_of_image(camera, size, str(path), name=options.name, scale=options.scale_camera)
         mask = None if options.mask is None else read_mask(options.mask, size)
         keypoints = detect_features(image, model, FeatureOptions(max_keypoints=options.max_keypoints), mask=mask)
-        found[name] = localize_keypoints(keypoints, known)
+        found[name] = localize_keypoints(keypoints, known, model)
     progress("localize", len(found), len(files))
     if len(unreadable) == len(files):
         raise unreadable[0]
-    return found
+    checked, change = check_focal_length(list(found.values()))
+    return LocalizationResult(dict(zip(found, checked, strict=True)), change)

@@ -116,11 +116,11 @@ def reconstruct(
 def _focal_length_changes(
     maps: Sequence[Map], detected: DetectedImages, names: Sequence[str]
 ) -> dict[str, FocalLengthChange]:
-    """Return the significant changes of the focal lengths of fixed cameras by the largest map."""
+    """Return the suspicious changes of the focal lengths of fixed cameras by the largest map."""
     if not maps or detected.free_cameras is not None:
         return {}
     changes = focal_length_changes(maps[0], detected.cameras, detected.keypoints)
-    return {name: change for name, change in zip(names, changes, strict=True) if change and change.is_significant}
+    return {name: change for name, change in zip(names, changes, strict=True) if change and change.is_suspicious}
 
 
 @dataclass(frozen=True)
