@@ -91,12 +91,12 @@ def tangent_basis(pose: Pose) -> Array:
 
     They are those of `_relative_pose_kernel`.
     """
-    t = pose.translation
-    first = np.cross(t, np.eye(3)[np.abs(t).argmin()])
-    first /= np.linalg.norm(first)
+    across = so3.hat(pose.translation)
+    first = across[:, np.abs(pose.translation).argmin()]
     basis = np.zeros((6, 5))
     basis[:3, :3] = np.eye(3)
-    basis[3:, 3:] = np.column_stack([first, np.cross(t, first)])
+    basis[3:, 3] = first / np.linalg.norm(first)
+    basis[3:, 4] = across @ basis[3:, 3]
     return basis
 
 
