@@ -80,6 +80,18 @@ def test_centres_of_discs_match_the_truth(board, lens, angle, distance):
     assert found.located
 
 
+@pytest.mark.parametrize(
+    ("board", "distance", "cell"), [(APRIL, 0.3, 1.9), (APRIL, 0.35, 1.6), (CHARUCO, 0.35, 1.8)], ids=str
+)
+def test_markers_with_cells_of_two_blurred_pixels_are_decoded(board, distance, cell):
+    image, truth = render(board, "fisheye", pose(board, 30, distance=distance))
+    cells = 10 if board is APRIL else 9.3  # along a tag; along a square, of which 0.75 are a marker of 7
+    assert np.median(np.linalg.norm(truth[1::2] - truth[::2], axis=1)) / cells == pytest.approx(cell, abs=0.1)
+    (found,) = detect(cv2.GaussianBlur(image, (0, 0), 0.6), board)
+    assert len(found) == board.size
+    assert errors(found, truth)[0] < 0.1
+
+
 @pytest.mark.parametrize("board", [CHARUCO, APRIL], ids=["charuco", "aprilgrid"])
 def test_ids_are_right_in_a_mirror_image(board):
     image, truth = render(board, "fisheye", pose(board, 40), mirrored=True)
