@@ -30,11 +30,37 @@ def test_folders_clips_and_patterns_name_the_cameras(items, names, tmp_path, mon
     assert list(named_sources(items)) == names
 
 
+@pytest.mark.parametrize(
+    ("items", "names"),
+    [
+        (["mav0"], ["cam0", "cam1"]),
+        (["."], ["cam0", "cam1"]),
+        (["mav0/cam0", "mav0/cam1"], ["cam0", "cam1"]),
+        (["mav0/cam0/data", "mav0/cam1/data"], ["cam0", "cam1"]),
+        (["mav0/cam0/data/*.png", "mav0/cam1/data/*.png"], ["cam0", "cam1"]),
+        (["left=mav0/cam0/data", "mav0/cam1/data"], ["left", "data"]),
+        (["clips"], ["port_0", "port_1"]),
+        (["simulated"], ["front", "back"]),
+    ],
+)
+def test_sub_folders_and_clips_of_a_recording_are_cameras(items, names, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    truth = ("images", "depth")
+    files = [f"mav0/cam{k}/data/{stamp}.png" for k in (0, 1) for stamp in (1, 2)]
+    files += [f"clips/port_{k}.mp4" for k in (0, 1)] if items == ["clips"] else []
+    files += (
+        [f"simulated/{name}/{kind}/0.png" for name in ("back", "front") for kind in truth] if items != ["."] else []
+    )
+    for name in files:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert sorted(named_sources(items)) == sorted(names)
+
+
 def test_two_cameras_of_one_name_are_refused(tmp_path):
-    for folder in ("a/cam", "b/cam"):
-        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "cam").mkdir()
     with pytest.raises(ValueError, match=r"two cameras are named cam: specify names, such as cam2="):
-        named_sources([str(tmp_path / "a/cam"), str(tmp_path / "b/cam")])
+        named_sources([str(tmp_path / "cam"), str(tmp_path / "cam")])
 
 
 def test_patterns_that_the_shell_has_expanded_are_refused(tmp_path):

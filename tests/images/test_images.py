@@ -170,6 +170,19 @@ def test_collected_images_are_unique_in_natural_order_with_any_case(tmp_path):
     assert [p.name for p in collect_images([str(tmp_path / "*")])] == names
 
 
+def test_the_only_sub_folder_with_images_is_used(tmp_path):
+    for folder in ("cam0/data", "cam1/data", "cam1/omnisight-detect"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "1403715278262142976.png").touch()
+    for camera in ("cam0", "cam1"):
+        (tmp_path / camera / "data.csv").touch()
+        assert collect_images([tmp_path / camera]) == [tmp_path / camera / "data" / "1403715278262142976.png"]
+    with pytest.raises(
+        ValueError, match=r"no images in .* \(found no files\)\. Specify .*, such as .*cam0.data\. Supp"
+    ):
+        collect_images([tmp_path])
+
+
 def test_collecting_no_image_lists_the_other_files(tmp_path):
     for i in range(3):
         (tmp_path / f"{i}.txt").touch()

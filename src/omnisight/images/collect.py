@@ -11,6 +11,8 @@ from pathlib import Path
 from omnisight.extensions import no_such_file
 from omnisight.images.video_files import VIDEO_SUFFIXES, has_clip_suffix
 
+# Beginnings of the names of folders without recorded images: hidden ones, and drawings, such as omnisight-detect.
+IGNORED_FOLDERS = ".", "omnisight-"
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
@@ -20,7 +22,8 @@ def collect_images(inputs: str | PathLike[str] | Iterable[str | PathLike[str]], 
     Parameters
     ----------
     inputs : path or iterable of paths
-        Folders (not searched recursively), files, and glob patterns such as `images/*.png`.
+        Folders, files, and glob patterns such as `images/*.png`. Folders are not searched recursively, but of a folder
+        without images that has one sub-folder with images, such as `cam0` with `cam0/data`, this one is used.
     videos : bool
         Include video files. Those in a folder are included only if the folder has no images.
 
@@ -46,7 +49,9 @@ def collect_images(inputs: str | PathLike[str] | Iterable[str | PathLike[str]], 
         counts = Counter(path.suffix.lower() or "without extension" for path in files)
         others = ", ".join(f"{count} {extension}" for extension, count in counts.most_common(5)) or "no files"
         supported = " ".join(extension[1:] for extension in extensions)
-        raise ValueError(f"no images in {where} (found {others}). Supported: {supported}, any case")
+        nested = [str(folder) for item in inputs for folder in folders_with_images(Path(item).expanduser())]
+        hint = f". Specify one of the folders in it, such as {nested[0]}" if nested else ""
+        raise ValueError(f"no images in {where} (found {others}){hint}. Supported: {supported}, any case")
     return sorted({_file_id(path): path for path in reversed(images)}.values(), key=natural_sort_key)
 
 
@@ -65,7 +70,8 @@ def expand_path(item: str | PathLike[str]) -> list[Path]:
     # A file name may contain brackets, so test for a file before expanding patterns.
     path = Path(item).expanduser()
     if path.is_dir():
-        files = [file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")]
+        nested = folders_with_images(path)
+        files = _files_in(nested[0] if len(nested) == 1 else path)
         has_images = any(file.suffix.lower() in IMAGE_SUFFIXES for file in files)
         return [file for file in files if not has_images or not has_clip_suffix(file)]
     if path.is_file():
@@ -76,6 +82,24 @@ def expand_path(item: str | PathLike[str]) -> list[Path]:
     if not matches:
         raise MissingFileError(f"{item}: the pattern matches no file")
     return [match for match in matches if match.is_file()]
+
+
+def folders_with_images(folder: Path) -> list[Path]:
+    """Return the folders nearest below a folder that contain images or clips; none if it contains some itself."""
+    if not folder.is_dir() or _has_images(folder):
+        return []
+    nested = [sub for sub in folder.iterdir() if sub.is_dir() and not sub.name.startswith(IGNORED_FOLDERS)]
+    nested = sorted(nested, key=natural_sort_key)
+    return [found for sub in nested for found in ([sub] if _has_images(sub) else folders_with_images(sub))]
+
+
+def _has_images(folder: Path) -> bool:
+    return any(file.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) for file in _files_in(folder))
+
+
+def _files_in(folder: Path) -> list[Path]:
+    """Return the files in a folder that are not hidden."""
+    return [file for file in folder.iterdir() if file.is_file() and not file.name.startswith(".")]
 
 
 def _file_id(path: Path) -> tuple[int, int] | str:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import IMAGE_SUFFIXES, collect_images
-from omnisight.images.collect import natural_sort_key
+from omnisight.images import collect_images
+from omnisight.images.collect import folders_with_images, natural_sort_key
 
 Indices = NDArray[np.intp]
 
@@ -103,13 +103,7 @@ def image_folders(item: Path, cameras: Sequence[str] = ()) -> list[Path]:
         return of_cameras
     if all((item / name).is_dir() for name in (IMAGES, DEPTH)):
         return [item / IMAGES]
-    if not item.is_dir() or _has_images(item):
-        return [item]
-    return sorted(folder for folder in item.rglob("*/") if folder.is_dir() and _has_images(folder)) or [item]
-
-
-def _has_images(folder: Path) -> bool:
-    return any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.iterdir())
+    return folders_with_images(item) or [item]
 
 
 def camera_of(path: Path, cameras: Sequence[str]) -> int:

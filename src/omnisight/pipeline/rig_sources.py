@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.calibration.frame_selection import select_frames, write_frames
-from omnisight.images import IMAGE_SUFFIXES, has_clip_suffix
+from omnisight.images import IMAGE_SUFFIXES, expand_path, has_clip_suffix
+from omnisight.images.collect import folders_with_images, natural_sort_key
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
+from omnisight.pipeline.image_set import IMAGES
 
 Progress = Callable[[str, int, int], None]
 RigSources = Mapping[str, Any]
@@ -17,7 +19,9 @@ RigSources = Mapping[str, Any]
 def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[str, Any]:
     """Return the source of each camera by its name.
 
-    The name is that of the folder or clip, the fixed part of a pattern such as 'left*.jpg', or NAME in NAME=SOURCE.
+    The name is that of the folder or clip, the fixed part of a pattern such as 'left*.jpg', or NAME in NAME=SOURCE. If
+    these are the same, as of cam0/data and cam1/data, it is that of the folder in which they differ. Each sub-folder
+    with images, or each clip, of a single folder is a camera.
 
     Raises
     ------
@@ -33,10 +37,7 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
                 f"{single[0]}: one image; specify a folder, a clip or a pattern in quotes for each camera, such as"
                 " 'left*.jpg' 'right*.jpg'"
             )
-        pairs = [_named(item) for item in items]
-        if repeated := [name for i, (name, _) in enumerate(pairs) if name in [n for n, _ in pairs[:i]]]:
-            raise ValueError(f"two cameras are named {repeated[0]}: specify names, such as {repeated[0]}2={items[-1]}")
-        named = dict(pairs)
+        named = _distinct([_named(item) for item in (_cameras_in(items[0]) if len(items) == 1 else items)])
     if len(named) < 2:
         raise ValueError(
             f"{len(named)} camera{'s' * (len(named) != 1)}, and a rig has at least two: specify a folder, a clip or a"
@@ -45,16 +46,40 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
     return named
 
 
-def _named(item: str) -> tuple[str, str]:
-    """Return the name of a camera and its source."""
+def _cameras_in(item: str) -> list[str]:
+    """Return the sub-folders with images of a folder, or its clips; the item itself if there are fewer than two."""
+    folder = Path(item).expanduser()
+    cameras = folders_with_images(folder)
+    # Folders next to `images`, as omnisight simulate writes them, have the truth of each image.
+    with_truth = {found.parent for found in cameras if found.name == IMAGES}
+    cameras = [found for found in cameras if found.name == IMAGES or found.parent not in with_truth]
+    if not cameras and folder.is_dir():
+        cameras = sorted(filter(has_clip_suffix, expand_path(folder)), key=natural_sort_key)
+    return [str(camera) for camera in cameras] if len(cameras) > 1 else [item]
+
+
+def _distinct(cameras: Sequence[tuple[tuple[str, ...], str]]) -> dict[str, Any]:
+    """Return the sources by the first of their possible names in which they all differ."""
+    for depth in range(max(len(names) for names, _ in cameras)):
+        named = {names[min(depth, len(names) - 1)]: source for names, source in cameras}
+        if len(named) == len(cameras):
+            return named
+    names = [names[0] for names, _ in cameras]
+    repeated = next(name for i, name in enumerate(names) if name in names[:i])
+    raise ValueError(f"two cameras are named {repeated}: specify names, such as {repeated}2={cameras[-1][1]}")
+
+
+def _named(item: str) -> tuple[tuple[str, ...], str]:
+    """Return the possible names of a camera, the usual one first and then those of its folders, and its source."""
     name, is_named, source = item.partition("=")
     if is_named and re.fullmatch(r"[\w.-]+", name) and not Path(item).exists():
-        return name, source
+        return (name,), source
     path = Path(item)
+    folders = tuple(folder.name for folder in path.absolute().parents if folder.name)
     if any(character in path.name for character in "*?["):
         fixed = re.sub(r"[*?]|\[[^]]*\]", "", path.stem).strip("_-. ")
-        return fixed or path.parent.name or "camera", item
-    return (path.resolve().name if path.is_dir() else path.stem) or item, item
+        return ((fixed,) if fixed else ()) + folders, item
+    return ((path.resolve().name if path.is_dir() else path.stem) or item, *folders), item
 
 
 def with_common_frames(sources: Mapping[str, Any], options: CalibrateRigOptions, progress: Progress) -> dict[str, Any]:
