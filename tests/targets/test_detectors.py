@@ -277,3 +277,18 @@ def test_points_are_measured_near_predicted_pixels(board):
     assert np.sqrt(((measured.pixels - wanted) ** 2).sum(axis=1).mean()) < 0.1
     if board is not CIRCLES:
         assert ((measured.amplitude > 0) == board.bright_ahead).all()
+
+
+def test_discs_that_the_image_cuts_are_not_measured():
+    placed = pose(CIRCLES, 20)
+    image, truth = render(CIRCLES, "fisheye", placed)
+    at = projector("fisheye", placed)
+    half = CIRCLES.window_step * np.eye(3)[:2]
+    steps = np.stack([at(CIRCLES.points + h) - at(CIRCLES.points - h) for h in half], 1) / 2
+    left = round(np.quantile(truth[:, 0], 0.4))
+    inside = truth[:, 0] - left > np.linalg.norm(steps[:, :, 0], axis=1) * 0.01 / CIRCLES.window_step + 1
+    assert 10 < inside.sum() < 34
+    cut = np.ascontiguousarray(image[:, left:])
+    measured = measure(cut, CIRCLES, truth - (left, 0), steps, np.zeros_like(steps))
+    np.testing.assert_array_equal(np.isfinite(measured.pixels[:, 0]), inside)
+    np.testing.assert_array_equal(np.isfinite(measured.explained), inside)

@@ -60,10 +60,15 @@ def detect(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection]:
 
 
 def measure(gray: NDArray[Any], board: CircleGrid, pixels: Array, steps: Array, bends: Array) -> PointFits:
-    """Measure the centres of the discs' images near predicted pixels."""
+    """Measure the centres of the discs' images near predicted pixels; those of discs that the image cuts are NaN."""
     radius = (board.diameter or board.spacing) / 2
     matrices = np.swapaxes(steps, 1, 2) * (radius / board.window_step)
-    return fit_ellipses(gray, pixels, matrices, CLEARANCE_SHARE * board.pitch / radius)
+    fits = fit_ellipses(gray, pixels, matrices, CLEARANCE_SHARE * board.pitch / radius)
+    whole = _is_inside(gray, fits.pixels, np.linalg.norm(matrices, axis=2))
+    failed = PointFits.empty(len(pixels))
+    return PointFits(
+        *(np.where(whole.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(fits, failed, strict=True))
+    )
 
 
 def _assign_and_measure(
@@ -134,8 +139,7 @@ def _measured(
         near = _map(pixels, points, points[wanted], board)
         start = np.where(np.isfinite(pixels[wanted]), pixels[wanted], near.pixels)
         fits = measure(gray, board, start, *near.window(board.window_step))
-        radii = np.linalg.norm(near.jacobian, axis=2) * ((board.diameter or 0.0) / 2)
-        good = (fits.explained > MIN_MEDIAN_EXPLAINED) & (fits.amplitude < 0) & _is_inside(gray, fits.pixels, radii)
+        good = (fits.explained > MIN_MEDIAN_EXPLAINED) & (fits.amplitude < 0)
         pixels[wanted] = np.where(good[:, None], fits.pixels, np.nan)
         covariance[wanted], amplitude[wanted] = fits.covariance, -fits.amplitude
     present = np.isfinite(pixels[:, 0])
