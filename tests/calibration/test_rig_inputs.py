@@ -1,6 +1,8 @@
 """Rigs of special images: symmetric boards, no overlap, moved cameras, free-running cameras, wrong input."""
 
 import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ from scipy.interpolate import CubicSpline
 import omnisight as om
 from calibration.rig_corners import FISHEYE, pose_errors, renamed, rig_scene, selected, with_moved_camera
 from omnisight.geometry import rotation as so3
+from omnisight.pipeline.rig_cameras import check_not_mirrored
+from omnisight.targets import Detection, ImageDetection, board_class
 
 BOARD = om.Checkerboard(9, 6, 0.03)
 MIDDLE = BOARD.points.mean(0)
@@ -175,6 +179,35 @@ def test_a_camera_with_mirror_images_is_named(has_markers):
     named = "middle" if has_markers else "left or middle"
     with pytest.raises(ValueError, match=rf"^the images of {named} are mirror images"):
         om.calibrate_rig(two, FISHEYE)
+
+
+@pytest.mark.parametrize("mirrored", [("a",), ("a", "b"), ()])
+def test_cameras_with_mirrored_markers_are_named(mirrored):
+    board = board_class("aprilgrid")(3, 3, 0.03, 0.3)
+    at = {True: (-900, 900), False: (900, 900)}
+    cameras = []
+    for name in "ab":
+        pixels, covariance = (
+            board.points[:, :2] * at[name in mirrored] + 300,
+            np.tile(0.01 * np.eye(2), (board.size, 1, 1)),
+        )
+        views = [Detection(np.arange(board.size), pixels, covariance)] * 3
+        images = [ImageDetection(Path(f"{k}.png"), (640, 480), (view,)) for k, view in enumerate(views)]
+        cameras.append(
+            SimpleNamespace(name=name, boards={"board": SimpleNamespace(detections=om.Detections(board, images))})
+        )
+    if not mirrored:
+        check_not_mirrored(cameras)
+        return
+    with pytest.raises(ValueError, match=rf"^the images of {' and '.join(mirrored)} are mirror images: the markers"):
+        check_not_mirrored(cameras)
+
+
+def test_too_few_images_of_a_camera_are_refused_without_an_option_of_another_command():
+    observations = rig_scene("stereo", 6).observe(np.random.default_rng(3))
+    with pytest.raises(ValueError, match=r"^right: 1 image with a board: at least 3 are needed") as error:
+        om.calibrate_rig({**observations, "right": observations["right"].subset([0])}, FISHEYE)
+    assert "--force" not in str(error.value)
 
 
 def test_wrong_input_is_refused_with_the_value(tmp_path):

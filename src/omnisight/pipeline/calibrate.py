@@ -37,7 +37,7 @@ from omnisight.optics.models.axial import Axial
 from omnisight.optics.ray_model import RayModel
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.detect import Source, load_observations
-from omnisight.pipeline.detection_advice import explain_too_few_detections
+from omnisight.pipeline.detection_advice import ForceRequired, explain_too_few_detections
 from omnisight.pipeline.interruption import keep_camera
 from omnisight.pipeline.options import CalibrateOptions, check_options
 from omnisight.pipeline.provenance import tool_provenance
@@ -164,18 +164,19 @@ def check_observations(observations: Observations, options: CalibrateOptions, de
     """
     count, required = len(observations), 1 if options.force else MIN_VIEWS
     if count < required:
-        raise ValueError(explain_too_few_detections(observations, required))
+        reason = explain_too_few_detections(observations, required)
+        raise ForceRequired(reason) if count else ValueError(reason)
     if len(observations.pixels) and min(observations.size) < 1:
         raise ValueError("the image size is unknown: specify --image-size WIDTHxHEIGHT")
     hint = observations.detections.hint if observations.detections else None
     if hint and not options.force:
-        raise ValueError(f"{hint} (--force calibrates anyway)")
+        raise ForceRequired(hint)
     repeated = find_repeated_views(observations)
     if (distinct := count - len(repeated)) < required:
-        raise ValueError(
+        raise ForceRequired(
             f"{count} images with a board, of which only {distinct} {'is' if distinct == 1 else 'are'} distinct"
             f" ({list_pairs(repeated)}): at least {MIN_VIEWS} are needed, 10 to 20 are good; move and tilt the board"
-            " between images (--force calibrates anyway)"
+            " between images"
         )
     if options.method == "ocamcalib" and not observations.is_planar:
         raise ValueError("--method ocamcalib is for flat boards; these board points do not lie in a plane")

@@ -16,7 +16,13 @@ from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.options import check_options
 from omnisight.pipeline.provenance import tool_provenance
 from omnisight.pipeline.rig_calibration import RigCalibration, pair_evidence
-from omnisight.pipeline.rig_cameras import RigCamera, check_different_images, check_not_exchanged, rig_camera
+from omnisight.pipeline.rig_cameras import (
+    RigCamera,
+    check_different_images,
+    check_not_exchanged,
+    check_not_mirrored,
+    rig_camera,
+)
 from omnisight.pipeline.rig_observations import free_parameters, rig_observations, symmetric_boards
 from omnisight.pipeline.rig_sources import RigSources, named_sources, with_common_frames
 from omnisight.pipeline.simultaneous_views import SimultaneousViews
@@ -57,6 +63,7 @@ def calibrate_rig(
     _check_names(named, options)
     cameras = [rig_camera(name, source, options, report) for name, source in named.items()]
     check_different_images(cameras)
+    check_not_mirrored(cameras)
     check_not_exchanged(cameras)
     alone = time.perf_counter()
     observations, states, simultaneous = rig_observations(cameras, options)

@@ -41,6 +41,21 @@ def light_problems(image: ImageDetection) -> list[str]:
     return problems
 
 
+class ForceRequired(ValueError):
+    """Images from which a camera is calibrated only with --force.
+
+    Attributes
+    ----------
+    reason
+        Why, without the option.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        summary, line, notes = reason.partition("\n")
+        super().__init__(f"{summary} (--force calibrates anyway){line}{notes}")
+
+
 def explain_too_few_detections(observations: Observations, required: int) -> str:
     """Return why there are fewer views than required, and what to do."""
     if observations.detections is None:
@@ -62,7 +77,7 @@ def explain_too_few_detections(observations: Observations, required: int) -> str
     if number:
         summary += f"; at least {required} are needed, 10 to 20 are good"
     if number and number == total:
-        return f"{summary}: take more, with the board tilted, or calibrate a simple model anyway with --force"
+        return f"{summary}: take more, with the board tilted"
     return "\n".join([f"{summary}: {detections.hint or board_advice(detections.board)}", *notes])
 
 

@@ -22,9 +22,11 @@ from omnisight.pipeline.calibrate import calibrate, drop_images
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.calibration import Calibration
 from omnisight.pipeline.detect import load_observations
-from omnisight.pipeline.detection_advice import explain_no_detection
+from omnisight.pipeline.detection_advice import ForceRequired, explain_no_detection
 from omnisight.ray_camera import RayCamera
+from omnisight.targets import Board
 from omnisight.targets.observations import Observations
+from omnisight.targets.set_checks import is_mirrored
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -127,7 +129,8 @@ def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: P
     except FileNotFoundError:
         raise
     except ValueError as error:
-        raise ValueError(f"{name}: {error}") from error
+        reason = error.reason if isinstance(error, ForceRequired) else error
+        raise ValueError(f"{name}: {reason}") from error
     state = replace(calibration.state, bends=None)
     return _calibrated_camera(name, calibration, {board: calibration.observations}, {board: state})
 
@@ -218,6 +221,32 @@ def check_different_images(cameras: Sequence[RigCamera]) -> None:
                 raise ValueError(
                     f"the images of {other.name} and {own.name} are identical: specify the images of each camera"
                 )
+
+
+def check_not_mirrored(cameras: Sequence[RigCamera]) -> None:
+    """Check that the markers in most images of each camera are not mirrored: the rig would be mirrored.
+
+    Raises
+    ------
+    ValueError
+        If those of a camera are; the message has its name.
+    """
+    mirrored = [camera.name for camera in cameras if any(map(_is_mirrored, camera.boards.values()))]
+    if mirrored:
+        raise ValueError(
+            f"the images of {' and '.join(mirrored)} are mirror images: the markers of the board match only when"
+            " mirrored, and the poses of the cameras would be mirrored too. Turn off the mirror mode of the camera, or"
+            " flip its images left to right"
+        )
+
+
+def _is_mirrored(observations: Observations) -> bool:
+    """Return whether the markers are mirrored in most views."""
+    detections = observations.detections
+    if detections is None or not isinstance(detections.board, Board):
+        return False
+    mirrored = [is_mirrored(view, detections.board) for image in detections.images for view in image.boards]
+    return 2 * sum(mirrored) > len(mirrored)
 
 
 def check_not_exchanged(cameras: Sequence[RigCamera]) -> None:
