@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from clips import rendered_clip, write_clip
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.rig_sources import named_sources
+from omnisight.pipeline.rig_sources import named_sources, with_common_frames
 from omnisight.pipeline.simultaneous_views import read_times, simultaneous_views
 
 KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
@@ -96,6 +97,28 @@ def test_times_assign_the_nearest_image_within_half_an_interval(tmp_path):
     assert delays == pytest.approx([0.04, -0.01, 0.0])
     with pytest.raises(ValueError, match=r"no time for w.png of the camera r: add a line r,w.png,SECONDS"):
         simultaneous_views({"l": ("a.png",), "r": ("w.png",)}, times)
+
+
+def test_times_of_frames_are_given_by_their_numbers():
+    times = {"a": {"0": 0.0, "1": 0.1}, "b": {"7": 0.1, "8": 0.2}}
+    found = simultaneous_views({"a": ("a-000000.png", "a-000001.png"), "b": ("b-000007.png", "b-000008.png")}, times)
+    assert found.rule == "time"
+    assert found.frame[0]["a-000001.png"] == found.frame[1]["b-000007.png"]
+    with pytest.raises(ValueError, match=r"no time for a-000002.png .*, or one with the number of the image or frame"):
+        simultaneous_views({"a": ("a-000002.png",), "b": ("b-000007.png",)}, times)
+
+
+def test_frames_of_clips_that_start_at_different_times_are_those_of_the_same_times(tmp_path):
+    images, _ = rendered_clip()
+    start, rate = 20, 24
+    clips = {"a": write_clip(tmp_path / "a.avi", images), "b": write_clip(tmp_path / "b.avi", images[start:])}
+    rows = [f"{name},{k - (start if name == 'b' else 0)},{k / rate}" for name in clips for k in range(len(images))]
+    (tmp_path / "times.csv").write_text("\n".join(["camera,frame,seconds", *(row for row in rows if ",-" not in row)]))
+    options = om.CalibrateRigOptions(pattern="9x6", times=tmp_path / "times.csv")
+    frames = with_common_frames(clips, options, lambda stage, done, total: None)
+    a, b = ({int(path.stem[-6:]) for path in frames[name]} for name in clips)
+    assert len(b) > 4
+    assert {k for k in a if k >= start} == {k + start for k in b}
 
 
 def test_folders_without_boards_are_named(tmp_path, run):

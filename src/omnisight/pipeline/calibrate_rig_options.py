@@ -27,8 +27,9 @@ class CalibrateRigOptions(ImageOptions, EstimationOptions):
     refine_cameras
         Refine known cameras too, starting from their files.
     times
-        CSV file with the columns camera,frame,seconds: when each image was taken. By default simultaneous images have
-        the same file name or number, or the same place in the order of the names.
+        CSV file with the columns camera,frame,seconds: when each image was taken; a frame is the name or number of an
+        image, or the number of a frame of a clip. By default simultaneous images have the same file name or number, or
+        the same place in the order of the names.
     reference
         Name of the camera whose frame is the rig frame; the first by default.
     drop

@@ -6,11 +6,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from omnisight.calibration.frame_selection import select_frames, write_frames
 from omnisight.images import IMAGE_SUFFIXES, expand_path, has_clip_suffix
 from omnisight.images.collect import folders_with_images, natural_sort_key
 from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.image_set import IMAGES
+from omnisight.pipeline.simultaneous_views import MAX_INTERVAL_SHARE, frame_times, median_interval, read_times
 
 Progress = Callable[[str, int, int], None]
 RigSources = Mapping[str, Any]
@@ -85,17 +88,18 @@ def _named(item: str) -> tuple[tuple[str, ...], str]:
 def with_common_frames(sources: Mapping[str, Any], options: CalibrateRigOptions, progress: Progress) -> dict[str, Any]:
     """Return the sources with clips replaced by image files of the same frames of every clip.
 
-    Of each clip the most informative frames are selected; the frames that are selected in any are used of all.
+    Of each clip the most informative frames are selected; the frames that are selected in any are used of all: those of
+    the same number, or the nearest in time if times are given.
 
     Raises
     ------
     ValueError
-        If a clip cannot be read.
+        If a clip or the file of times cannot be read.
     """
     clips = {name: Path(source) for name, source in sources.items() if _is_clip(source)}
     if not clips:
         return dict(sources)
-    indices: set[int] = set()
+    selected = {name: set[int]() for name in clips}
     for name, clip in clips.items():
         for target in options.targets.values():
             found = select_frames(
@@ -105,9 +109,27 @@ def with_common_frames(sources: Mapping[str, Any], options: CalibrateRigOptions,
                 cache=options.cache,
                 progress=lambda done, total, name=name: progress(f"read {name}", done, total),
             )
-            indices |= {int(path.stem.rpartition("-")[2]) for path in found.paths} if found.found else set()
-    frames = {name: list(write_frames(clip, sorted(indices), options.apply_exif)) for name, clip in clips.items()}
+            selected[name] |= {int(path.stem.rpartition("-")[2]) for path in found.paths} if found.found else set()
+    if options.times is None:
+        common = dict.fromkeys(clips, set[int]().union(*selected.values()))
+    else:
+        times = read_times(options.times)
+        common = _simultaneous_frames(selected, {name: frame_times(times.get(name, {})) for name in clips})
+    frames = {name: list(write_frames(clip, sorted(common[name]), options.apply_exif)) for name, clip in clips.items()}
     return {name: frames.get(name, source) for name, source in sources.items()}
+
+
+def _simultaneous_frames(
+    selected: Mapping[str, set[int]], times: Mapping[str, Mapping[int, float]]
+) -> dict[str, set[int]]:
+    """Return the frames of each clip that are simultaneous with selected frames of any clip, and those selected."""
+    moments = [times[name][k] for name, frames in selected.items() for k in frames if k in times[name]]
+    found = {name: set(frames) for name, frames in selected.items()}
+    for name, own in times.items():
+        limit = MAX_INTERVAL_SHARE * median_interval(np.array(list(own.values())))
+        nearest = [(min(own, key=lambda k: abs(own[k] - moment)), moment) for moment in moments] if own else []
+        found[name] |= {k for k, moment in nearest if abs(own[k] - moment) <= limit}
+    return found
 
 
 def _is_clip(source: Any) -> bool:

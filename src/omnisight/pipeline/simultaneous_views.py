@@ -149,7 +149,7 @@ def _by_time(taken: Mapping[str, Array], max_difference: float) -> tuple[Indices
     frame, delays = list[int](), list[float]()
     for at in taken.values():
         known = np.array(seconds)
-        interval = float(np.median(np.diff(np.sort(at)))) if len(at) > 1 else np.inf
+        interval = median_interval(at)
         used = set[int]()
         for moment in at:
             nearest = int(np.argmin(abs(known - moment))) if len(known) else -1
@@ -166,13 +166,28 @@ def _by_time(taken: Mapping[str, Array], max_difference: float) -> tuple[Indices
     return np.array(frame, np.intp), np.array(seconds), np.array(delays)
 
 
+def median_interval(seconds: Array) -> float:
+    """Return the median time (s) between successive images at times (N,); inf for a single image."""
+    return float(np.median(np.diff(np.sort(seconds)))) if len(seconds) > 1 else np.inf
+
+
 def _time(times: Mapping[str, Mapping[str, float]], camera: str, name: str) -> float:
-    """Return the time of an image, given by its file name or its stem."""
-    own = times.get(camera, {})
-    found = own.get(name, own.get(Path(name).stem))
+    """Return the time of an image, given by its file name, its stem, or the last number in it."""
+    own, stem = times.get(camera, {}), Path(name).stem
+    found = own.get(name, own.get(stem))
+    if found is None and (numbers := re.findall(r"\d+", stem)):
+        found = frame_times(own).get(int(numbers[-1]))
     if found is None:
-        raise ValueError(f"--times: no time for {name} of the camera {camera}: add a line {camera},{name},SECONDS")
+        raise ValueError(
+            f"--times: no time for {name} of the camera {camera}: add a line {camera},{name},SECONDS, or one with the"
+            " number of the image or frame in place of its name"
+        )
     return found
+
+
+def frame_times(times: Mapping[str, float]) -> dict[int, float]:
+    """Return the times (s) of the frames of a camera that are given by their numbers."""
+    return {int(frame): seconds for frame, seconds in times.items() if frame.isdecimal()}
 
 
 def read_times(path: Path) -> dict[str, dict[str, float]]:
