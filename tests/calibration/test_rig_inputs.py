@@ -12,7 +12,9 @@ from scipy.interpolate import CubicSpline
 import omnisight as om
 from calibration.rig_corners import FISHEYE, pose_errors, renamed, rig_scene, selected, with_moved_camera
 from omnisight.geometry import rotation as so3
+from omnisight.pipeline.rig_calibration import rig_evidence
 from omnisight.pipeline.rig_cameras import check_not_mirrored
+from omnisight.quality.rig_checks import rig_verdict
 from omnisight.targets import Detection, ImageDetection, board_class
 
 BOARD = om.Checkerboard(9, 6, 0.03)
@@ -109,7 +111,11 @@ def test_a_board_that_moves_between_exposures_is_reported():
     calibration = om.calibrate_rig(observe(rig, {"left": poses, "right": shaken}), FISHEYE)
     motion = calibration.estimate.problem.motion
     assert motion is not None
-    assert any("moved by about" in reason for reason in calibration.reasons)
+    (reason,) = [reason for reason in calibration.reasons if "moved by about" in reason]
+    assert "or their models are not exact" in reason
+    assert "specify --times" in reason
+    evidence = dataclasses.replace(rig_evidence(calibration), has_times=True)
+    assert not any("--times" in reason for reason in rig_verdict(evidence).reasons)
     assert_within_uncertainty(calibration, rig)
     assert calibration.rms == pytest.approx(0.42, abs=0.06)  # the motion is in no residual
 

@@ -196,6 +196,7 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         {camera.name: camera.refined_median_length for camera in held},
         scale,
         rig.unit == "m",
+        estimate.observations.seconds is not None,
     )
 
 

@@ -78,6 +78,8 @@ class RigEvidence:
         For each camera the size of a pixel at an image width of 1000.
     is_metric
         Whether the size of the board is known.
+    has_times
+        Whether the times of the images are known.
     """
 
     verdicts: Mapping[str, Verdict | None]
@@ -92,6 +94,7 @@ class RigEvidence:
     refined_median: Mapping[str, float]
     px_scale: Mapping[str, float]
     is_metric: bool
+    has_times: bool
 
 
 def rig_verdict(evidence: RigEvidence) -> Verdict:
@@ -203,13 +206,14 @@ def _board_motion(evidence: RigEvidence) -> Check:
     if motion is None:
         return Check("board motion")
     unit, scale = ("mm", 1e3) if evidence.is_metric else ("squares", 1.0)
+    times = "" if evidence.has_times else " specify --times,"
     return Check(
         "board motion",
         Level.USABLE,
         f"The board moved by about {rounded(scale * motion.translation)} {unit} and"
-        f" {rounded(np.degrees(motion.rotation))}° between the exposures of the cameras,"
-        " which limits the accuracy of the extrinsics (the stated uncertainty"
-        " includes it): put the board on a stand, synchronize the cameras, or specify --times.",
+        f" {rounded(np.degrees(motion.rotation))}° between the exposures of the cameras, or their models are not exact,"
+        " which limits the accuracy of the extrinsics (the stated uncertainty includes it): put the board on a stand,"
+        f" synchronize the cameras,{times} or specify another --model.",
     )
 
 
