@@ -24,8 +24,8 @@ MAX_SAMPLED_SQUARES = 40
 # An image has some hundred squares, and the few that are decoded by chance contradict their neighbours.
 MAX_FALSE_DECODING = 0.01
 # Enlarged images are sharpened: scale of the details, px of the original image, and their additional weight. Cells of
-# 2.5 px are blurred into each other. On an AprilGrid in a fisheye of 512 px this decodes 2.5 times as many markers at
-# any noise up to 20 of 255 gray levels; weights of 1 and 4 do the same within a tenth.
+# 2.5 px are blurred into each other. On AprilGrids in a fisheye of 512 px this decodes 2.5 times as many markers, and
+# 1.4 times as many with noise of 20 gray levels; a weight of 1 decodes 2.1 and 1.4 times as many.
 DETAIL_PX, DETAIL_WEIGHT = 1.5, 2.0
 # Distance, in sides of a marker, up to which two markers predict each other, and deviation from the prediction over
 # that distance: an affine map holds no farther in a wide lens.
