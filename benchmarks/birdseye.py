@@ -5,7 +5,7 @@ import numpy as np
 
 import omnisight as om
 from benchmarks.race import Race, race
-from omnisight.pipeline.birdseye import prepare_birdseye
+from omnisight.pipeline.birdseye.birdseye import prepare_birdseye
 from omnisight.simulation.example_rigs import surround_car
 from omnisight.views.ground_view import GroundView
 

@@ -23,8 +23,8 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import linear_board_poses
 from omnisight.images import read_image, to_gray8
 from omnisight.models import CameraModel
-from omnisight.pipeline.calibrate import calibrate
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.calibration.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
 from omnisight.targets import Checkerboard, detect_boards
 from omnisight.targets.observations import Observations
 

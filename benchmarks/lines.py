@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks import lines_real, lines_rendered
 from omnisight.calibration.lines import LineObservations, PixelChains, bearing_difference, bearing_sigma
 from omnisight.models.unified import Unified
-from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions, calibrate_lines
+from omnisight.pipeline.calibration.calibrate_lines import CalibrateLinesOptions, calibrate_lines
 
 SIZE = (1280, 1024)
 MIRRORS = {

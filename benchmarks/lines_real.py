@@ -17,10 +17,10 @@ from omnisight.camera import Camera
 from omnisight.formats import load
 from omnisight.geometry import rotation as so3
 from omnisight.images import read_image
-from omnisight.pipeline.calibrate import calibrate
-from omnisight.pipeline.calibrate_lines import calibrate_lines
-from omnisight.pipeline.calibration import Calibration
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.calibration.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate_lines import calibrate_lines
+from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.targets import Checkerboard, Detection, detect_boards
 from omnisight.targets.observations import Observations
 

@@ -28,7 +28,7 @@ from omnisight.models.equidistant import Equidistant
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.models.radial_polynomial import RadialPolynomial
 from omnisight.models.unified import Unified
-from omnisight.pipeline.calibrate_lines import calibrate_lines
+from omnisight.pipeline.calibration.calibrate_lines import calibrate_lines
 from omnisight.simulation import Renderer, scene_named
 
 Bytes = NDArray[np.uint8]

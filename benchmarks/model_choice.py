@@ -20,7 +20,7 @@ from benchmarks.verdict import Run, judged, over
 from benchmarks.verdict_scenes import Case, GroundTruth, scaled
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import polar
-from omnisight.pipeline.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate import calibrate
 from omnisight.quality.evidence import Level
 from omnisight.targets import Checkerboard
 from omnisight.targets.observations import Observations

@@ -23,8 +23,8 @@ from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.resection import resect
 from omnisight.calibration.state import State
 from omnisight.models import CameraModel
-from omnisight.pipeline.calibrate import calibrate
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.calibration.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
 from omnisight.quality.evidence import Level
 from omnisight.targets.observations import Observations
 

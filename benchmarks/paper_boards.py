@@ -18,7 +18,7 @@ from benchmarks.convergence_scenes import Array
 from benchmarks.model_choice import CAMERAS, NOISE_PX, Trial, scene
 from benchmarks.verdict import Run, judged, over
 from benchmarks.verdict_scenes import Case, GroundTruth
-from omnisight.pipeline.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate import calibrate
 from omnisight.quality.evidence import Level
 from omnisight.targets.observations import Observations
 

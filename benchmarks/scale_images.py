@@ -10,7 +10,7 @@ from benchmarks.places_scenes import OTHER_LANE
 from benchmarks.places_visits import route
 from benchmarks.rendered_images import image_cache
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.rendering_options import Conditions
+from omnisight.pipeline.simulation.rendering_options import Conditions
 from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
 
 # Images of a visit, about 0.5 m apart, and their width, px.

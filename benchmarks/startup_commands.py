@@ -10,9 +10,9 @@ from omnisight.formats import save
 from omnisight.geometry.pose import Pose
 from omnisight.images import write_image
 from omnisight.models.equidistant import Equidistant
-from omnisight.pipeline.simulate import simulate
-from omnisight.pipeline.simulate_options import SimulateOptions
-from omnisight.pipeline.visual_map import build_map, write_map
+from omnisight.pipeline.localization.visual_map import build_map, write_map
+from omnisight.pipeline.simulation.simulate import simulate
+from omnisight.pipeline.simulation.simulate_options import SimulateOptions
 from omnisight.rig import Rig
 from omnisight.simulation import BoardInScene, Renderer, fisheye_setup
 from omnisight.simulation.example_rigs import back_to_back, surround_car

@@ -23,9 +23,9 @@ from benchmarks.convergence_scenes import Array
 from benchmarks.verdict_scenes import KINDS, Case, GroundTruth, scene
 from omnisight.calibration.rotation_alignment import rotation_aligned_difference
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.calibrate import calibrate
-from omnisight.pipeline.calibration import Calibration
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.calibration.calibrate import calibrate
+from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.quality.evidence import Level
 from omnisight.quality.uncertainty import Uncertainty
 

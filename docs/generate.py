@@ -217,7 +217,7 @@ MARKS = {
 
 def curves() -> dict[str, str]:
     """Draw the radial profile of the example of every model that has one."""
-    from omnisight.pipeline.inspect import radial_profile
+    from omnisight.pipeline.conversion.inspect import radial_profile
     from omnisight.report.drawings.radial_profile import profile_svg
 
     drawn: dict[str, str] = {}

@@ -11,9 +11,9 @@ import omnisight as om
 from omnisight.cli._capture_report import page_rows
 from omnisight.cli._odometry_live import LiveFigures, advice
 from omnisight.geometry.rotation import exp
-from omnisight.pipeline.capture_session import CaptureSession, Seen
-from omnisight.pipeline.demo import demo
-from omnisight.pipeline.frame_sequence import SequenceFrame
+from omnisight.pipeline.calibration.capture_session import CaptureSession, Seen
+from omnisight.pipeline.demos.demo import demo
+from omnisight.pipeline.odometry.frame_sequence import SequenceFrame
 from omnisight.report.drawings.capture import draw_capture
 from omnisight.report.drawings.next_view import draw_proposal
 from omnisight.report.drawings.odometry import OdometryDrawing

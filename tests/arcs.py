@@ -4,7 +4,7 @@ import numpy as np
 
 from omnisight.calibration.lines import LineObservations, PixelChains
 from omnisight.models.unified import Unified
-from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions, calibrate_lines
+from omnisight.pipeline.calibration.calibrate_lines import CalibrateLinesOptions, calibrate_lines
 
 SIZE = (1280, 1024)
 PARABOLIC = Unified(300.0, 300.0, 652.0, 498.0, 1.0)

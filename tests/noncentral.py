@@ -13,7 +13,7 @@ from omnisight.models.pinhole import Pinhole
 from omnisight.optics import Catadioptric
 from omnisight.optics.mirrors.conic import Conic
 from omnisight.optics.placed_mirror import PlacedMirror
-from omnisight.pipeline.calibrate import assess, select_noncentral
+from omnisight.pipeline.calibration.calibrate import assess, select_noncentral
 
 SIZE = (1280, 1024)
 BOARD = om.Checkerboard(9, 6, 0.03)

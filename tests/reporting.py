@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from omnisight.images import write_image
-from omnisight.pipeline.calibrate import CalibrateOptions, calibrate
+from omnisight.pipeline.calibration.calibrate import CalibrateOptions, calibrate
 from omnisight.report.page import render_page
 from omnisight.report.report_data import ReportData, ReportOptions
 from omnisight.simulation import fisheye_setup

@@ -8,7 +8,7 @@ import pytest
 import omnisight as om
 from omnisight.formats import load_rig
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.check_extrinsics import MAX_ANGLE_RAD, check_extrinsics, is_epipolar
+from omnisight.pipeline.rig_calibration.check_extrinsics import MAX_ANGLE_RAD, check_extrinsics, is_epipolar
 
 
 def bearings(points):

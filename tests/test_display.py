@@ -14,7 +14,7 @@ from notebook_html import assert_html
 from omnisight.display import MAX_LINES, Displayed, file_size, named_tuple_text, rounded, shortened
 from omnisight.models import model_class, model_names
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.inspect import radial_profile
+from omnisight.pipeline.conversion.inspect import radial_profile
 from omnisight.report.drawings.radial_profile import profile_svg
 
 TYPES = sorted(

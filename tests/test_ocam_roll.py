@@ -7,7 +7,7 @@ import pytest
 
 import omnisight as om
 from omnisight.formats import load_rig
-from omnisight.pipeline.ocam_roll import with_upright_ocam
+from omnisight.pipeline.conversion.ocam_roll import with_upright_ocam
 
 
 def test_the_rotation_in_ocam_cameras_becomes_part_of_the_poses(data):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from omnisight.pipeline.image_set import image_set
+from omnisight.pipeline.inputs.image_set import image_set
 
 
 def folder_of(tmp_path, names):

@@ -7,7 +7,7 @@ from omnisight.features import Keypoints
 from omnisight.images import ImageField
 from omnisight.images.ellipse import Ellipse
 from omnisight.models.equidistant import Equidistant
-from omnisight.pipeline.self_calibration import candidate_cameras, select_camera
+from omnisight.pipeline.reconstruction.self_calibration import candidate_cameras, select_camera
 from sfm.worlds import circle_of_poses, points_around, unit
 
 SIZE, CENTER = (400, 400), (199.5, 199.5)

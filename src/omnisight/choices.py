@@ -30,3 +30,9 @@ def _choices(kind: Any) -> tuple[str, ...]:
 
 def _are_literal(kinds: list[Any]) -> bool:
     return all(get_origin(kind) is Literal for kind in kinds)
+
+
+def check_options(options: object, expected: type) -> None:
+    """Raise `ValueError` if options are not of the expected class."""
+    if not isinstance(options, expected):
+        raise ValueError(f"options must be {expected.__name__}(...), got {type(options).__name__}")

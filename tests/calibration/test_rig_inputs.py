@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 import omnisight as om
 from calibration.rig_corners import FISHEYE, pose_errors, renamed, rig_scene, selected, with_moved_camera
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.rig_calibration import rig_evidence
-from omnisight.pipeline.rig_cameras import check_not_mirrored
+from omnisight.pipeline.rig_calibration.rig_calibration import rig_evidence
+from omnisight.pipeline.rig_calibration.rig_cameras import check_not_mirrored
 from omnisight.quality.rig_checks import rig_verdict
 from omnisight.targets import Detection, ImageDetection, board_class
 

@@ -9,12 +9,12 @@ from omnisight.camera import Camera
 from omnisight.formats import save
 from omnisight.images import write_image
 from omnisight.models import model_class
-from omnisight.pipeline.camera_sources import CameraSources
-from omnisight.pipeline.detected_images import detect_images
-from omnisight.pipeline.image_set import image_set
-from omnisight.pipeline.options import ReconstructOptions
-from omnisight.pipeline.reconstruct import reconstruct
-from omnisight.pipeline.work_folder import WorkFolder
+from omnisight.pipeline.inputs.camera_sources import CameraSources
+from omnisight.pipeline.inputs.image_set import image_set
+from omnisight.pipeline.inputs.work_folder import WorkFolder
+from omnisight.pipeline.reconstruction.detected_images import detect_images
+from omnisight.pipeline.reconstruction.reconstruct import reconstruct
+from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.reconstructions import write_reconstruction
 from omnisight.simulation import Renderer, fisheye_setup
 from omnisight.simulation.example_rigs import back_to_back

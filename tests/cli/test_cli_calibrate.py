@@ -215,7 +215,9 @@ def test_a_report_without_a_folder_is_rejected(refuses, shots, tmp_path):
 
 
 def test_a_report_of_another_format_is_refused_before_any_work(refuses, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.calibrate.calibrate", raises_error(AssertionError("images were read")))
+    monkeypatch.setattr(
+        "omnisight.pipeline.calibration.calibrate.calibrate", raises_error(AssertionError("images were read"))
+    )
     error = refuses("calibrate", shots, *QUICK, "--report", tmp_path / "r.pdf")
     assert "r.pdf: the report is written as HTML; name it r.html" in error
     assert file_names(tmp_path) == []
@@ -247,7 +249,9 @@ def test_the_default_output_is_camera_json_and_replaces_no_file(run, shots, tmp_
     status, out, _ = run("calibrate", shots, *QUICK)
     assert (status, out.splitlines()[-1]) == (0, "written   camera.json")
     written = (tmp_path / "camera.json").read_bytes()
-    monkeypatch.setattr("omnisight.pipeline.detect.detect_boards", raises_error(AssertionError("detection started")))
+    monkeypatch.setattr(
+        "omnisight.pipeline.detection.detect.detect_boards", raises_error(AssertionError("detection started"))
+    )
     status, out, err = run("calibrate", shots, *QUICK)
     assert (status, out) == (2, "")
     assert "camera.json: exists; specify the file to write: -o camera.json replaces it" in err
@@ -268,7 +272,7 @@ def test_a_camera_file_is_named_json(refuses, shots, tmp_path, name):
 
 @pytest.mark.parametrize("stage", ["cross_validate", "fit_spline_baseline", "assess"])
 def test_an_interrupted_calibration_writes_the_best_camera_so_far(run, shots, tmp_path, monkeypatch, stage):
-    monkeypatch.setattr(f"omnisight.pipeline.calibrate.{stage}", raises_error(KeyboardInterrupt()))
+    monkeypatch.setattr(f"omnisight.pipeline.calibration.calibrate.{stage}", raises_error(KeyboardInterrupt()))
     file = tmp_path / "camera.json"
     status, out, err = run("calibrate", shots, *QUICK, "-o", file)
     assert (status, out) == (130, "")
@@ -280,6 +284,6 @@ def test_an_interrupted_calibration_writes_the_best_camera_so_far(run, shots, tm
 
 
 def test_an_interruption_before_any_fit_writes_nothing(run, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.calibrate.fit_candidates", raises_error(KeyboardInterrupt()))
+    monkeypatch.setattr("omnisight.pipeline.calibration.calibrate.fit_candidates", raises_error(KeyboardInterrupt()))
     assert run("calibrate", shots, *QUICK, "-o", tmp_path / "c.json") == (130, "", "omnisight: interrupted\n")
     assert file_names(tmp_path) == []

@@ -8,8 +8,8 @@ import pytest
 import omnisight as om
 from clips import rendered_clip, write_clip
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.rig_sources import named_sources, with_common_frames
-from omnisight.pipeline.simultaneous_views import read_times, simultaneous_views
+from omnisight.pipeline.rig_calibration.rig_sources import named_sources, with_common_frames
+from omnisight.pipeline.rig_calibration.simultaneous_views import read_times, simultaneous_views
 
 KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
 

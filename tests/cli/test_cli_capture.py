@@ -13,8 +13,8 @@ import pytest
 import omnisight as om
 from clips import BOARD, POSE_COUNT, SETUP, rendered_clip, with_rotation, write_clip
 from jpegs import jpeg
-from omnisight.pipeline.capture import capture
-from omnisight.pipeline.capture_source import CaptureSource
+from omnisight.pipeline.calibration.capture import capture
+from omnisight.pipeline.calibration.capture_source import CaptureSource
 from omnisight.report.live.server import LivePage
 from omnisight.targets.target_file import save_board
 

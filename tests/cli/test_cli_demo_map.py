@@ -6,8 +6,8 @@ from pathlib import Path
 
 
 def test_the_demo_reconstructs_a_rendered_walk(run, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_COUNT", 12)
-    monkeypatch.setattr("omnisight.pipeline.demo_map.IMAGE_WIDTH_PX", 512)
+    monkeypatch.setattr("omnisight.pipeline.demos.demo_map.IMAGE_COUNT", 12)
+    monkeypatch.setattr("omnisight.pipeline.demos.demo_map.IMAGE_WIDTH_PX", 512)
     output = tmp_path / "a walk"
     status, out, _ = run("demo", output, "--map")
     assert status == 0

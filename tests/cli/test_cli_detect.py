@@ -50,7 +50,7 @@ def test_detect_prints_a_row_per_image_and_the_result(run, shots):
 
 
 def test_an_unwritable_folder_is_refused_before_the_detection(refuses, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.detect.detect", raises_error(AssertionError("images were read")))
+    monkeypatch.setattr("omnisight.pipeline.detection.detect.detect", raises_error(AssertionError("images were read")))
     (tmp_path / "file").touch()
     folder = tmp_path / "file" / "drawn"
     assert f"{folder}: cannot be written: Not a directory" in refuses("detect", shots, "-o", folder)

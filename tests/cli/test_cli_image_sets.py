@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from drawn import POSES, scene, shot
 from omnisight.images import ImageField, read_image, write_image
 from omnisight.images.ellipse import Ellipse
-from omnisight.pipeline.detection_advice import describe_image_outliers
+from omnisight.pipeline.detection.detection_advice import describe_image_outliers
 from omnisight.targets import detect_boards
 from omnisight.targets.observations import Observations
 

@@ -11,8 +11,8 @@ import omnisight as om
 from clips import write_clip
 from omnisight.cli._odometry_live import live_view
 from omnisight.images.live_camera import LiveCamera
-from omnisight.pipeline.frame_sequence import SequenceFrame
-from omnisight.pipeline.odometry import live_odometry
+from omnisight.pipeline.odometry.frame_sequence import SequenceFrame
+from omnisight.pipeline.odometry.odometry import live_odometry
 from omnisight.report.drawings.odometry import draw_path
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.visual_odometry.odometry import Odometry

@@ -24,7 +24,9 @@ def test_paths_may_contain_spaces_accents_and_brackets(run, shots, tmp_path, nam
 
 @pytest.mark.parametrize("kind", ["no folder", "under a file", "a folder itself"])
 def test_an_output_without_a_folder_is_rejected_before_detection(refuses, shots, tmp_path, monkeypatch, kind):
-    monkeypatch.setattr("omnisight.pipeline.detect.detect_boards", raises_error(AssertionError("detection started")))
+    monkeypatch.setattr(
+        "omnisight.pipeline.detection.detect.detect_boards", raises_error(AssertionError("detection started"))
+    )
     (tmp_path / "file").write_text("")
     output = {
         "no folder": tmp_path / "missing" / "c.json",
@@ -37,7 +39,9 @@ def test_an_output_without_a_folder_is_rejected_before_detection(refuses, shots,
 
 
 def test_a_read_only_output_folder_is_rejected_before_detection(refuses, shots, tmp_path, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.detect.detect_boards", raises_error(AssertionError("detection started")))
+    monkeypatch.setattr(
+        "omnisight.pipeline.detection.detect.detect_boards", raises_error(AssertionError("detection started"))
+    )
     monkeypatch.setattr("tempfile.TemporaryFile", raises_error(PermissionError(13, "Permission denied")))
     error = refuses("calibrate", shots, *QUICK, "-o", tmp_path / "c.json")
     assert f"{tmp_path / 'c.json'}: cannot be written: Permission denied ({tmp_path})" in error

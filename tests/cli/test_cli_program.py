@@ -158,7 +158,7 @@ def _read_until(terminal: int, end: bytes) -> str:
 
 
 def test_an_internal_error_prints_its_traceback_only_with_debug(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(RuntimeError("lost the thread")))
+    monkeypatch.setattr("omnisight.pipeline.conversion.inspect.load_all", raises_error(RuntimeError("lost the thread")))
     status, out, err = run("inspect", camera_file)
     assert (status, out) == (1, "")
     assert err == "omnisight: internal error: RuntimeError: lost the thread (--debug prints the traceback)\n"
@@ -172,13 +172,13 @@ def test_debug_prints_the_traceback_of_invalid_input(run, tmp_path):
 
 
 def test_an_interruption_exits_with_status_130(run, camera_file, monkeypatch):
-    monkeypatch.setattr("omnisight.pipeline.inspect.load_all", raises_error(KeyboardInterrupt()))
+    monkeypatch.setattr("omnisight.pipeline.conversion.inspect.load_all", raises_error(KeyboardInterrupt()))
     assert run("inspect", camera_file) == (130, "", "omnisight: interrupted\n")
 
 
 def test_a_result_folder_of_the_demo_may_be_specified_like_that_of_other_commands(run, tmp_path, monkeypatch):
     folders = []
-    monkeypatch.setattr("omnisight.pipeline.demo.demo", lambda output, progress: folders.append(output) or ())
+    monkeypatch.setattr("omnisight.pipeline.demos.demo.demo", lambda output, progress: folders.append(output) or ())
     monkeypatch.setattr("omnisight.cli._demo_report.print_report", lambda results, output: None)
     for arguments in ((tmp_path,), ("-o", tmp_path), ("--output", tmp_path)):
         assert run("demo", *arguments)[0] == 0

@@ -13,7 +13,7 @@ import omnisight as om
 from clips import write_clip
 from jpegs import jpeg_at
 from omnisight.geometry.rotation import exp
-from omnisight.pipeline import reconstruct as pipeline
+from omnisight.pipeline.reconstruction import reconstruct as pipeline
 from omnisight.simulation import Renderer, scene_named
 from omnisight.simulation.example_rigs import back_to_back
 from sfm.worlds import similarity_errors
@@ -143,7 +143,7 @@ def test_a_full_disk_is_reported_and_the_earlier_model_kept(run, room, tmp_path,
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device", "disk")
 
-    monkeypatch.setattr("omnisight.pipeline.work_folder.write_bytes", full)
+    monkeypatch.setattr("omnisight.pipeline.inputs.work_folder.write_bytes", full)
     status, _, err = run("reconstruct", room, "-o", model)
     assert status == 2
     assert "No space left on device" in err

@@ -8,8 +8,8 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
-from omnisight.pipeline.image_set import image_set
-from omnisight.pipeline.known_positions import read_positions
+from omnisight.pipeline.inputs.image_set import image_set
+from omnisight.pipeline.reconstruction.known_positions import read_positions
 from omnisight.simulation import Renderer, scene_named
 
 SPHERE = om.sphere(480)

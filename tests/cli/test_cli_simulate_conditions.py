@@ -53,7 +53,7 @@ def test_invalid_conditions_are_rejected(refuses, small, tmp_path):
 
 
 def test_masks_of_moving_objects_agree_with_the_instances(run, small, tmp_path, monkeypatch):
-    from omnisight.pipeline import simulated_scene
+    from omnisight.pipeline.simulation import simulated_scene
     from omnisight.simulation import scene_named
     from omnisight.simulation.solids import ellipsoid
     from omnisight.simulation.texture import Texture

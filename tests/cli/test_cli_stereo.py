@@ -7,7 +7,7 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry import rotation as so3
-from omnisight.pipeline.stereo_files import write_distances
+from omnisight.pipeline.two_views.stereo_files import write_distances
 from omnisight.simulation import Renderer, fisheye_setup, scene_named
 
 SETUP = fisheye_setup(440)

@@ -7,7 +7,7 @@ import omnisight as om
 from localization.known_points import DIMENSION, descriptors_of, localized, seen_from, unit
 from omnisight.geometry import rotation as so3
 from omnisight.localization.matched_points import match_points
-from omnisight.pipeline.visual_map import FILE
+from omnisight.pipeline.localization.visual_map import FILE
 from omnisight.sfm.reconstruction import Points, Reconstruction
 
 

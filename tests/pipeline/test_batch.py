@@ -22,9 +22,9 @@ from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.manifest import items_of_images, output_names
 from omnisight.pipeline.batch.records import shards_of
 from omnisight.pipeline.batch.storage import list_images
-from omnisight.pipeline.view import view
-from omnisight.pipeline.view_batch import view_batch
-from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.views.view import view
+from omnisight.pipeline.views.view_batch import view_batch
+from omnisight.pipeline.views.view_options import ViewOptions
 
 ONE, TWO = BatchOptions(workers=1, shard_size=5), BatchOptions(workers=2, shard_size=5)
 

@@ -3,7 +3,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from omnisight.pipeline.reconstruct import _near_pairs
+from omnisight.pipeline.reconstruction.reconstruct import _near_pairs
 
 
 @pytest.mark.parametrize("window", [1, 3, 100])

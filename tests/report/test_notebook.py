@@ -7,8 +7,8 @@ import numpy as np
 import omnisight as om
 from notebook_html import assert_html
 from omnisight.models import model_class
-from omnisight.pipeline.photo import Photo
-from omnisight.pipeline.stereo import RigCheck
+from omnisight.pipeline.inputs.photo import Photo
+from omnisight.pipeline.two_views.stereo import RigCheck
 from omnisight.targets.detections import ImageDetection
 from omnisight.twoview.dense_stereo import DenseStereo
 from omnisight.views.stitching.seam_plan import SeamQuality

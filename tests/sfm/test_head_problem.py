@@ -10,7 +10,7 @@ from omnisight.geometry import rotation as so3
 from omnisight.images.ellipse import Ellipse
 from omnisight.images.image_field import ImageField
 from omnisight.models.kannala_brandt import KannalaBrandt
-from omnisight.pipeline.stitch_inputs import _common_circle
+from omnisight.pipeline.stitching.stitch_inputs import _common_circle
 from omnisight.sfm.head_calibration import _solve
 from omnisight.sfm.head_matches import OverlapMatches
 from omnisight.sfm.head_problem import HeadProblem

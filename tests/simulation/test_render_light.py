@@ -142,7 +142,7 @@ def test_panoramas_have_no_vignetting(panorama):
 
 
 def test_vignetting_of_a_mirror_camera_is_that_of_its_lens():
-    from omnisight.pipeline.design import DesignOptions, design
+    from omnisight.pipeline.calibration.design import DesignOptions, design
 
     camera = design(DesignOptions(kind="spherical", sensor=(161, 121), pixel=30e-6)).camera
     renderer = Renderer(camera, om.Pose(), Scene(()), theta=(camera.theta_min, camera.theta_max), vignette=0.4)

@@ -11,8 +11,8 @@ import rendered_car as car
 from omnisight.calibration.ground_calibration import GroundMarks, calibrate_ground, ground_position, on_ground
 from omnisight.geometry.rotation import exp, log
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.ground_board import rig_on_plane
-from omnisight.pipeline.ground_rig import GroundFile, calibrate_to_marks
+from omnisight.pipeline.birdseye.ground_board import rig_on_plane
+from omnisight.pipeline.birdseye.ground_rig import GroundFile, calibrate_to_marks
 from omnisight.simulation.example_rigs import surround_car
 from omnisight.views.ground_view import Bowl, GroundView
 from omnisight.views.seam_weights import seam_weights

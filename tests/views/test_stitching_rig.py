@@ -12,8 +12,8 @@ import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.images.planes import Yuv
 from omnisight.models.kannala_brandt import KannalaBrandt
-from omnisight.pipeline.stitch_options import StitchOptions
-from omnisight.pipeline.stitch_plan import sphere_bearings
+from omnisight.pipeline.stitching.stitch_options import StitchOptions
+from omnisight.pipeline.stitching.stitch_plan import sphere_bearings
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.photometry import Photometry

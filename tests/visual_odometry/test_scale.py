@@ -9,8 +9,8 @@ import omnisight as om
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.motion_sensor_options import ImuNoise
-from omnisight.pipeline.motion_files import read_imu, read_wheels
-from omnisight.pipeline.odometry_scale import ScaleSources
+from omnisight.pipeline.odometry.motion_files import read_imu, read_wheels
+from omnisight.pipeline.odometry.odometry_scale import ScaleSources
 from omnisight.simulation.motion_sensors import measure_imu
 from omnisight.simulation.spline_trajectory import SplineTrajectory
 from omnisight.simulation.trajectory import Trajectory

@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from omnisight.cli._output import warn, write_json
-from omnisight.pipeline.birdseye import LengthErrors
-from omnisight.pipeline.birdseye_files import BirdseyeFiles
+from omnisight.pipeline.birdseye.birdseye import LengthErrors
+from omnisight.pipeline.birdseye.birdseye_files import BirdseyeFiles
 
 
 def print_json(written: BirdseyeFiles) -> None:

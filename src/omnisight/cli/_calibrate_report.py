@@ -11,8 +11,8 @@ from omnisight.cli._output import is_verbose, write_json
 from omnisight.display import rounded
 from omnisight.formats import SaveResult
 from omnisight.formats.native import to_json
-from omnisight.pipeline.calibration import Calibration
-from omnisight.pipeline.detection_advice import describe_image_outliers
+from omnisight.pipeline.calibration.calibration import Calibration
+from omnisight.pipeline.detection.detection_advice import describe_image_outliers
 from omnisight.quality.coverage import side_name
 from omnisight.quality.evidence import Level
 from omnisight.quality.noncentral_test import NonCentralityTest

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from omnisight.cli._output import is_quiet, write_json
-from omnisight.pipeline.capture import CaptureResult, Show
-from omnisight.pipeline.capture_options import CaptureOptions
-from omnisight.pipeline.capture_session import CaptureSession, JudgedCandidate
+from omnisight.pipeline.calibration.capture import CaptureResult, Show
+from omnisight.pipeline.calibration.capture_options import CaptureOptions
+from omnisight.pipeline.calibration.capture_session import CaptureSession, JudgedCandidate
 from omnisight.report.drawings.capture import draw_capture
 from omnisight.report.live.server import LivePage
 from omnisight.view_planning.description import describe_placement, direction_text, error_text

@@ -3,7 +3,7 @@
 import numpy as np
 
 from omnisight.cli._output import write_json
-from omnisight.pipeline.compass import CompassResult
+from omnisight.pipeline.localization.compass import CompassResult
 
 
 def print_json(result: CompassResult) -> None:

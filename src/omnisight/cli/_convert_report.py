@@ -8,9 +8,9 @@ from omnisight.cli._output import elapsed, write_json
 from omnisight.conversion import Conversion
 from omnisight.display import rounded
 from omnisight.formats import SaveResult
-from omnisight.pipeline.convert import ConversionError, ConvertResult
-from omnisight.pipeline.convert_options import ConvertOptions
-from omnisight.pipeline.convert_rig import ConvertRigResult
+from omnisight.pipeline.conversion.convert import ConversionError, ConvertResult
+from omnisight.pipeline.conversion.convert_options import ConvertOptions
+from omnisight.pipeline.conversion.convert_rig import ConvertRigResult
 from omnisight.ray_camera import RayCamera
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from omnisight.cli._output import elapsed, write_json
 from omnisight.cli._reconstruct_report import print_report as print_reconstruction
 from omnisight.cli._reconstruct_report import summary
-from omnisight.pipeline.demo import IMAGE_COUNT, DemoResult
-from omnisight.pipeline.demo_map import DemoMap
+from omnisight.pipeline.demos.demo import IMAGE_COUNT, DemoResult
+from omnisight.pipeline.demos.demo_map import DemoMap
 
 
 def print_report(results: Sequence[DemoResult], output: Path) -> None:

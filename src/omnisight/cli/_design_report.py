@@ -19,7 +19,7 @@ from omnisight.optics.design.description import (
 from omnisight.optics.design.performance import Resolution
 from omnisight.optics.design.shapes import KINDS
 from omnisight.optics.design.tolerances import compute_tolerances
-from omnisight.pipeline.design import DesignResult
+from omnisight.pipeline.calibration.design import DesignResult
 
 # Spacing of the elevations in the resolution table.
 ELEVATION_STEP_DEG = 10.0

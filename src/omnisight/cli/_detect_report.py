@@ -4,7 +4,7 @@ import math
 
 from omnisight.cli._console import console
 from omnisight.images.output_paths import image_labels
-from omnisight.pipeline.detection_advice import board_advice, light_problems
+from omnisight.pipeline.detection.detection_advice import board_advice, light_problems
 from omnisight.targets import Checkerboard, Detections
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.calibration.evaluation import Evaluation
-from omnisight.pipeline.calibration import Calibration
-from omnisight.pipeline.rig_calibration import RigCalibration
+from omnisight.pipeline.calibration.calibration import Calibration
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration
 from omnisight.targets.observations import Observations
 
 

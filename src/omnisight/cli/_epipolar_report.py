@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from omnisight.cli._output import write_json
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import quaternions
-from omnisight.pipeline.epipolar import EpipolarResult
+from omnisight.pipeline.two_views.epipolar import EpipolarResult
 
 
 def print_json(result: EpipolarResult) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from omnisight.cli._output import is_json, write_json
 from omnisight.display import file_size
-from omnisight.pipeline.export_map import MapExport
+from omnisight.pipeline.views.export_map import MapExport
 
 # A remap table reads single pixels: a view that is smaller than the image by more than this factor shows aliasing.
 MAX_SCALE = 1.5

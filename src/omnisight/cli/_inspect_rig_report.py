@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from omnisight.display import rounded
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.check_extrinsics import ExtrinsicsCheck
+    from omnisight.pipeline.rig_calibration.check_extrinsics import ExtrinsicsCheck
     from omnisight.rig import Rig
 
 

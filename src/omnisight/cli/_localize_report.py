@@ -14,8 +14,8 @@ from omnisight.geometry.rotation import quaternions
 from omnisight.images import unreadable_warnings
 from omnisight.localization.localize import LocalizedImage
 from omnisight.localization.visual_map import VisualMap
-from omnisight.pipeline.localization_result import LocalizationResult
-from omnisight.pipeline.reconstruction_result import ReconstructionResult
+from omnisight.pipeline.localization.localization_result import LocalizationResult
+from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
 
 
 def print_map_json(made: VisualMap | None, result: ReconstructionResult) -> None:

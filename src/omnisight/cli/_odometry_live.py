@@ -10,8 +10,8 @@ from shutil import get_terminal_size
 import numpy as np
 
 from omnisight.cli._output import is_quiet
-from omnisight.pipeline.frame_sequence import SequenceFrame
-from omnisight.pipeline.odometry import Watch
+from omnisight.pipeline.odometry.frame_sequence import SequenceFrame
+from omnisight.pipeline.odometry.odometry import Watch
 from omnisight.report.drawings.odometry import OdometryDrawing
 from omnisight.report.live.server import LivePage
 from omnisight.visual_odometry.odometry import Odometry

@@ -9,7 +9,7 @@ import numpy as np
 
 from omnisight.cli._output import warn, write_json
 from omnisight.display import rounded
-from omnisight.pipeline.odometry_result import OdometryResult
+from omnisight.pipeline.odometry.odometry_result import OdometryResult
 from omnisight.visual_odometry.frame_result import LostSegment
 from omnisight.visual_odometry.loop_result import Loop
 

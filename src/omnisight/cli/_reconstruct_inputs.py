@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from omnisight.cli._output import warn
 from omnisight.cli._progress import progress
-from omnisight.pipeline.options import ReconstructOptions
+from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 
 Result = TypeVar("Result")
 
@@ -59,7 +59,7 @@ def run_on_images(
     """
     from omnisight.images.ros_bag import is_bag
     from omnisight.images.video import is_clip
-    from omnisight.pipeline.clip_frames import extract_frames
+    from omnisight.pipeline.reconstruction.clip_frames import extract_frames
 
     has_topic = is_bag(images, options.topic)
     if has_topic and rig is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from omnisight.cli._output import write_json
 from omnisight.display import rounded
-from omnisight.pipeline.reconstruction_result import ReconstructionResult
+from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
 from omnisight.sfm.georeference import MAX_SCALE_SIGMA, Georeference

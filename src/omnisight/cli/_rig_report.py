@@ -11,7 +11,7 @@ from omnisight.cli._console import console
 from omnisight.cli._output import is_verbose, write_json
 from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
-from omnisight.pipeline.rig_calibration import RigCalibration
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,8 +8,8 @@ import numpy as np
 
 from omnisight.cli._output import warn, write_json
 from omnisight.display import rounded
-from omnisight.pipeline.stereo import StereoResult
-from omnisight.pipeline.stereo_files import IMAGE_SUFFIXES, MAX_UINT16
+from omnisight.pipeline.two_views.stereo import StereoResult
+from omnisight.pipeline.two_views.stereo_files import IMAGE_SUFFIXES, MAX_UINT16
 
 
 def print_json(result: StereoResult, steps: float) -> None:

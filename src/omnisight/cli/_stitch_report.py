@@ -9,7 +9,7 @@ import numpy as np
 from omnisight.cli._output import warn, write_json
 from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
-from omnisight.pipeline.stitch import StitchResult
+from omnisight.pipeline.stitching.stitch import StitchResult
 from omnisight.sfm.head_result import HeadCalibration
 
 

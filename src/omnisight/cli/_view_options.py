@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from omnisight.cli._text_options import parse_range, parse_size, text_parameter
-from omnisight.pipeline.view_options import Range, ViewMotion, ViewOptions, ViewType
+from omnisight.pipeline.views.view_options import Range, ViewMotion, ViewOptions, ViewType
 
 _HIDDEN = Parameter(parse=False)
 

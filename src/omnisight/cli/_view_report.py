@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from omnisight.cli._output import write_json
-from omnisight.pipeline.view import ViewResult
-from omnisight.pipeline.view_options import PANORAMA_TYPES
+from omnisight.pipeline.views.view import ViewResult
+from omnisight.pipeline.views.view_options import PANORAMA_TYPES
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.view_clip import ClipViews
+    from omnisight.pipeline.views.view_clip import ClipViews
 
 # Warn if more than this share of the view is outside the calibrated field of view.
 MAX_EXTRAPOLATED_FRACTION = 0.005

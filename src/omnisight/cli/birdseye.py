@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.birdseye_options import BirdseyeOptions
+from omnisight.pipeline.birdseye.birdseye_options import BirdseyeOptions
 from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
@@ -41,7 +41,7 @@ def birdseye(
         File of the rig in the ground frame to write; later runs need no markings.
     """
     from omnisight.cli._birdseye_report import print_json, print_report
-    from omnisight.pipeline.birdseye_files import write_birdseye
+    from omnisight.pipeline.birdseye.birdseye_files import write_birdseye
 
     with progress() as report:
         written = write_birdseye(images, rig, output, options, video=video, save_rig=save_rig, progress=report)

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.options import CalibrateOptions
+from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
 
 GROUP = "Calibration"
 
@@ -43,9 +43,9 @@ def calibrate(
     from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
     from omnisight.formats import save
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
-    from omnisight.pipeline.calibrate import calibrate as run
-    from omnisight.pipeline.detect import source_paths
-    from omnisight.pipeline.interruption import CalibrationInterrupted
+    from omnisight.pipeline.calibration.calibrate import calibrate as run
+    from omnisight.pipeline.calibration.interruption import CalibrationInterrupted
+    from omnisight.pipeline.detection.detect import source_paths
 
     if output is None and not is_json():
         output = default_output("camera.json")

@@ -56,8 +56,8 @@ def calibrate_lines(
     from omnisight.formats import save
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
-    from omnisight.pipeline.calibrate_lines import CalibrateLinesOptions
-    from omnisight.pipeline.calibrate_lines import calibrate_lines as calibrate
+    from omnisight.pipeline.calibration.calibrate_lines import CalibrateLinesOptions
+    from omnisight.pipeline.calibration.calibrate_lines import calibrate_lines as calibrate
 
     options = CalibrateLinesOptions(model, _parse_fixed(fix or []), mask=mask, lines=lines, apply_exif=apply_exif)
     paths = collect_images(images)

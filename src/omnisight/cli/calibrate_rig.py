@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.calibrate_rig_options import CalibrateRigOptions
+from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
 
 GROUP = "Calibration"
 
@@ -42,9 +42,9 @@ def calibrate_rig(
     from omnisight.cli._files import check_calibration_outputs, check_camera_suffix, default_output, save_calibrated
     from omnisight.cli._rig_report import print_json, print_report
     from omnisight.images.output_paths import drawing_paths, refuse_overwrite
-    from omnisight.pipeline.calibrate_rig import calibrate_rig as run
-    from omnisight.pipeline.detect import source_paths
-    from omnisight.pipeline.rig_sources import named_sources
+    from omnisight.pipeline.detection.detect import source_paths
+    from omnisight.pipeline.rig_calibration.calibrate_rig import calibrate_rig as run
+    from omnisight.pipeline.rig_calibration.rig_sources import named_sources
 
     if output is None and not is_json():
         output = default_output("rig.json")

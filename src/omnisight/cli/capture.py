@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.capture_options import CaptureOptions
+from omnisight.pipeline.calibration.capture_options import CaptureOptions
 
 GROUP = "Calibration"
 
@@ -34,7 +34,7 @@ def capture(
         Show the image, the covered field of view and the next pose in a page for the browser, on this computer only.
     """
     from omnisight.cli._capture_report import as_json, live_view, print_report
-    from omnisight.pipeline.capture import capture as run
+    from omnisight.pipeline.calibration.capture import capture as run
 
     if output.exists() and not output.is_dir():
         raise ValueError(f"{output}: is a file; name a folder for the images")

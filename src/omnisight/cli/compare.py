@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.compare_options import CompareOptions
+from omnisight.pipeline.conversion.compare_options import CompareOptions
 
 GROUP = "Cameras"
 
@@ -35,7 +35,7 @@ def compare(
     """
     from omnisight.cli._compare_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
-    from omnisight.pipeline.compare import compare as run
+    from omnisight.pipeline.conversion.compare import compare as run
 
     if output is not None:
         must_be_writable(output)

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.compass_options import CompassOptions
+from omnisight.pipeline.localization.compass_options import CompassOptions
 
 GROUP = "Geometry"
 
@@ -35,7 +35,7 @@ def compass(
     """
     from omnisight.cli._compass_report import print_json, print_report
     from omnisight.cli._progress import progress
-    from omnisight.pipeline.compass import compass as run
+    from omnisight.pipeline.localization.compass import compass as run
 
     with progress() as report:
         result = run(images, reference or None, options, camera=camera, progress=report)

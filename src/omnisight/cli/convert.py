@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.convert_options import ConvertOptions
+from omnisight.pipeline.conversion.convert_options import ConvertOptions
 
 GROUP = "Cameras"
 
@@ -45,9 +45,9 @@ def convert(camera: list[Path], /, *, options: Annotated[_ConvertOptions, Parame
         print_rig_report,
     )
     from omnisight.formats import is_rig_file
-    from omnisight.pipeline.convert import ConversionError
-    from omnisight.pipeline.convert import convert as convert_file
-    from omnisight.pipeline.convert_rig import ConvertRigResult, convert_rig
+    from omnisight.pipeline.conversion.convert import ConversionError
+    from omnisight.pipeline.conversion.convert import convert as convert_file
+    from omnisight.pipeline.conversion.convert_rig import ConvertRigResult, convert_rig
 
     if len(camera) > 1 and options.name is not None:
         raise ValueError(

@@ -25,7 +25,7 @@ def demo(output: Annotated[Path, Parameter(alias="-o")] = Path("omnisight-demo")
         _demo_map(output / "map")
         return
     from omnisight.cli._demo_report import print_json, print_report
-    from omnisight.pipeline.demo import demo as run
+    from omnisight.pipeline.demos.demo import demo as run
 
     with progress() as report:
         results = run(output, progress=report)
@@ -38,7 +38,7 @@ def demo(output: Annotated[Path, Parameter(alias="-o")] = Path("omnisight-demo")
 def _demo_map(output: Path) -> None:
     """Reconstruct rendered images, and print the accuracy and the viewer."""
     from omnisight.cli._demo_report import print_map_json, print_map_report
-    from omnisight.pipeline.demo_map import demo_map
+    from omnisight.pipeline.demos.demo_map import demo_map
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report.viewer import write_viewer
 

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._text_options import parse_size, text_parameter
-from omnisight.pipeline.design_options import DesignOptions
+from omnisight.pipeline.calibration.design_options import DesignOptions
 
 GROUP = "Cameras"
 
@@ -90,7 +90,7 @@ def design(
     del what
     from omnisight.cli._design_report import print_json, print_report
     from omnisight.cli._files import must_be_writable
-    from omnisight.pipeline.design import design as design_camera
+    from omnisight.pipeline.calibration.design import design as design_camera
 
     if hfov != 360:
         raise ValueError(

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from omnisight.cli._output import is_json, write_json
 from omnisight.cli._progress import progress
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.options import DetectOptions
+from omnisight.pipeline.detection.detect_options import DetectOptions
 
 GROUP = "Calibration"
 
@@ -45,7 +45,7 @@ def detect(
     from omnisight.cli._detect_report import print_report, print_table
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths
-    from omnisight.pipeline.detect import detect as run
+    from omnisight.pipeline.detection.detect import detect as run
     from omnisight.report.drawings.detections import draw_detections
 
     folder = None if output is None and is_json() else Path(output or DEFAULT_FOLDER)
@@ -76,7 +76,7 @@ def _detect_batch(images: list[str], output: str | None, options: DetectOptions,
     from omnisight.cli._detect_report import print_report
     from omnisight.corners.native import to_dict
     from omnisight.pipeline.batch.batch import Batch
-    from omnisight.pipeline.detect_batch import detect_batch
+    from omnisight.pipeline.detection.detect_batch import detect_batch
 
     if len(images) > 1 or output is None:
         raise ValueError("--workers, --cluster and URLs apply to one folder or pattern of images, and need --output")

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, write_json
-from omnisight.pipeline.doctor_options import DoctorOptions
+from omnisight.pipeline.odometry.doctor_options import DoctorOptions
 
 GROUP = "Geometry"
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.doctor import Diagnosis
+    from omnisight.pipeline.odometry.doctor import Diagnosis
 
 
 def doctor(
@@ -39,7 +39,7 @@ def doctor(
     """
     from omnisight.cli._files import must_be_writable, refuse_inputs
     from omnisight.cli._progress import progress
-    from omnisight.pipeline.doctor import doctor as run
+    from omnisight.pipeline.odometry.doctor import doctor as run
 
     if write_mask is not None:
         must_be_writable(write_mask)

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.options import EpipolarOptions
+from omnisight.pipeline.two_views.two_view_options import EpipolarOptions
 
 GROUP = "Geometry"
 
@@ -43,7 +43,7 @@ def epipolar(
     from omnisight.cli._files import must_be_writable
     from omnisight.images import write_image
     from omnisight.images.output_paths import refuse_overwrite
-    from omnisight.pipeline.epipolar import epipolar as run
+    from omnisight.pipeline.two_views.epipolar import epipolar as run
 
     if output is not None:
         must_be_writable(output)

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.options import EvaluateOptions
+from omnisight.pipeline.calibration.calibrate_options import EvaluateOptions
 
 GROUP = "Calibration"
 
@@ -44,8 +44,8 @@ def evaluate(
     from omnisight.cli._evaluate_report import print_json, print_report
     from omnisight.formats import load
     from omnisight.images.output_paths import drawing_paths, image_labels
-    from omnisight.pipeline.detect import source_paths
-    from omnisight.pipeline.evaluate import evaluate as run
+    from omnisight.pipeline.calibration.evaluate import evaluate as run
+    from omnisight.pipeline.detection.detect import source_paths
 
     files = list({path.resolve(): path for path in [camera, *(compare or [])]}.values())
     cameras = {

@@ -49,7 +49,7 @@ def export(
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
     """
-    from omnisight.pipeline.export_kind import export_kind
+    from omnisight.pipeline.views.export_kind import export_kind
     from omnisight.reconstructions import ExportOptions
 
     kind = export_kind(source, to)
@@ -74,7 +74,7 @@ def _export_view(
 ) -> None:
     """Write the remap table of a view, and print its use."""
     from omnisight.cli._export_report import print_map, print_map_json
-    from omnisight.pipeline.export_map import export_map
+    from omnisight.pipeline.views.export_map import export_map
 
     result = export_map(camera, output, to, view, image_size=image_size)
     (print_map_json if is_json() else print_map)(result)
@@ -84,7 +84,7 @@ def _export_batch(model: Path, images: str, output: str, batch: BatchOptions, vi
     """Write the views of a reconstruction by workers, and print the result."""
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.pipeline.batch.batch import Batch
-    from omnisight.pipeline.export_batch import export_batch
+    from omnisight.pipeline.views.export_batch import export_batch
 
     with progress() as report:
         run = Batch(output, batch, report)
@@ -110,7 +110,7 @@ def _export_viewer(model: Path, output: Path, images: Path | None, apply_exif: b
 def _export_reconstruction(model: Path, output: Path, options: "ExportOptions") -> None:
     """Write a reconstruction, and print the files."""
     from omnisight.cli._export_report import print_files
-    from omnisight.pipeline.export import export as run
+    from omnisight.pipeline.views.export import export as run
     from omnisight.reconstructions import get_reconstruction_format
 
     chosen = get_reconstruction_format(options.format)

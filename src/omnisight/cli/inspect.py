@@ -10,7 +10,7 @@ from omnisight.display import rounded
 
 if TYPE_CHECKING:
     from omnisight.camera import Camera
-    from omnisight.pipeline.inspect import CameraDescription
+    from omnisight.pipeline.conversion.inspect import CameraDescription
     from omnisight.ray_camera import RayCamera
 
 GROUP = "Cameras"
@@ -45,7 +45,7 @@ def inspect(
         Of a rig: a simultaneous image of each camera, in the order of the cameras. Their matches show whether the
         extrinsics are inverted.
     """
-    from omnisight.pipeline.inspect import inspect as inspect_file
+    from omnisight.pipeline.conversion.inspect import inspect as inspect_file
 
     if images:
         _check_images(camera, images)
@@ -90,7 +90,7 @@ def _check_images(path: Path, images: tuple[Path, ...]) -> None:
     """Check the extrinsics of a rig by images, and print the result."""
     from omnisight.cli._inspect_rig_report import check_data, print_check, print_rig
     from omnisight.formats import load_rig
-    from omnisight.pipeline.check_extrinsics import check_extrinsics
+    from omnisight.pipeline.rig_calibration.check_extrinsics import check_extrinsics
 
     rig = load_rig(path)
     check = check_extrinsics(rig, images)

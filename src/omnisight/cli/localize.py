@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.localize_options import LocalizeOptions
+from omnisight.pipeline.localization.localize_options import LocalizeOptions
 
 GROUP = "Geometry"
 
@@ -36,8 +36,8 @@ def localize(
     """
     from omnisight.cli._files import must_be_writable, refuse_inputs
     from omnisight.cli._localize_report import print_json, print_report, print_warnings
-    from omnisight.pipeline.localize import localize as run
-    from omnisight.pipeline.visual_map import read_map
+    from omnisight.pipeline.localization.localize import localize as run
+    from omnisight.pipeline.localization.visual_map import read_map
     from omnisight.reconstructions.poses_csv import write_poses
 
     if output is not None:

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, warn
-from omnisight.pipeline.options import ReconstructOptions
+from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 
 GROUP = "Geometry"
 
@@ -37,8 +37,8 @@ def map(
     """
     from omnisight.cli._localize_report import print_map, print_map_json
     from omnisight.cli._reconstruct_inputs import WORK, run_on_images
-    from omnisight.pipeline.visual_map import build_map, write_map
-    from omnisight.pipeline.work_folder import WorkFolder
+    from omnisight.pipeline.inputs.work_folder import WorkFolder
+    from omnisight.pipeline.localization.visual_map import build_map, write_map
     from omnisight.report.viewer import write_viewer
 
     (made, result), folder = run_on_images(build_map, images, camera, rig, output, options)

@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
-from omnisight.pipeline.options import NextViewOptions
+from omnisight.pipeline.calibration.calibrate_options import NextViewOptions
 
 GROUP = "Calibration"
 
@@ -39,8 +39,8 @@ def next(
     """
     from omnisight.cli._next_report import print_json, print_report
     from omnisight.images.output_paths import refuse_overwrite
-    from omnisight.pipeline.detect import is_corner_source, source_paths
-    from omnisight.pipeline.next_view import next_view as run
+    from omnisight.pipeline.calibration.next_view import next_view as run
+    from omnisight.pipeline.detection.detect import is_corner_source, source_paths
 
     if draw is not None:
         paths = source_paths(images)

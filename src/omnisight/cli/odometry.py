@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.odometry_options import OdometryOptions
+from omnisight.pipeline.odometry.odometry_options import OdometryOptions
 
 if TYPE_CHECKING:
-    from omnisight.pipeline.odometry_result import OdometryResult
+    from omnisight.pipeline.odometry.odometry_result import OdometryResult
 
 GROUP = "Geometry"
 
@@ -56,7 +56,7 @@ def odometry(
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._odometry_report import print_json, print_report, print_warnings
     from omnisight.cli._progress import progress
-    from omnisight.pipeline.odometry import odometry as run
+    from omnisight.pipeline.odometry.odometry import odometry as run
 
     if page and not live:
         raise ValueError("--page shows a connected camera: specify --live")
@@ -81,7 +81,7 @@ def _run_live(
 ) -> "OdometryResult":
     """Follow a connected camera."""
     from omnisight.cli._odometry_live import live_view
-    from omnisight.pipeline.odometry import live_odometry
+    from omnisight.pipeline.odometry.odometry import live_odometry
 
     if camera is None or rig is not None:
         raise ValueError("--live is for one calibrated camera: specify its file with --camera")

@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json, warn
-from omnisight.pipeline.options import ReconstructOptions
+from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 
 GROUP = "Geometry"
 
@@ -44,8 +44,8 @@ def reconstruct(
     """
     from omnisight.cli._reconstruct_inputs import WORK, run_on_images
     from omnisight.cli._reconstruct_report import model_folder, print_json, print_report, remove_models
-    from omnisight.pipeline.reconstruct import reconstruct as run
-    from omnisight.pipeline.work_folder import WorkFolder
+    from omnisight.pipeline.inputs.work_folder import WorkFolder
+    from omnisight.pipeline.reconstruction.reconstruct import reconstruct as run
     from omnisight.reconstructions import write_reconstruction
     from omnisight.report.viewer import write_viewer
 

@@ -10,7 +10,7 @@ from omnisight.cli._output import is_json, warn, write_json
 from omnisight.cli._progress import progress
 from omnisight.cli._text_options import parse_range, text_parameter
 from omnisight.motion_sensor_options import GnssNoise, ImuNoise, MotionSensors, OdometryNoise
-from omnisight.pipeline.rendering_options import Conditions, RenderingOptions
+from omnisight.pipeline.simulation.rendering_options import Conditions, RenderingOptions
 
 GROUP = "Cameras"
 
@@ -114,8 +114,8 @@ def simulate(
     output
         Folder of the data set; created if needed. A folder with other content is refused.
     """
-    from omnisight.pipeline.simulate import simulate as render_dataset
-    from omnisight.pipeline.simulate_options import SimulateOptions
+    from omnisight.pipeline.simulation.simulate import simulate as render_dataset
+    from omnisight.pipeline.simulation.simulate_options import SimulateOptions
 
     with progress() as report:
         result = render_dataset(SimulateOptions(scene, camera, output, **vars(options)), progress=report, warn=warn)

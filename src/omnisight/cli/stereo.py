@@ -6,7 +6,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
-from omnisight.pipeline.options import StereoOptions
+from omnisight.pipeline.two_views.two_view_options import StereoOptions
 
 GROUP = "Geometry"
 
@@ -52,8 +52,8 @@ def stereo(
     from omnisight.cli._stereo_report import print_json, print_report, print_warnings
     from omnisight.images import write_image
     from omnisight.images.output_paths import refuse_overwrite
-    from omnisight.pipeline.stereo import stereo as run
-    from omnisight.pipeline.stereo_files import check_distance_suffix, write_distances, write_ply
+    from omnisight.pipeline.two_views.stereo import stereo as run
+    from omnisight.pipeline.two_views.stereo_files import check_distance_suffix, write_distances, write_ply
     from omnisight.report.drawings.stereo import draw_distances, draw_rectified
 
     if not steps > 0:

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from omnisight.cli._output import is_json
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.stitch_options import StitchOptions
+from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
@@ -49,7 +49,7 @@ def stitch(
     from omnisight.cli._progress import progress
     from omnisight.cli._stitch_report import print_json, print_report
     from omnisight.formats import save
-    from omnisight.pipeline.stitch import stitch as run
+    from omnisight.pipeline.stitching.stitch import stitch as run
 
     if save_rig is not None:
         must_be_writable(save_rig)
@@ -57,7 +57,7 @@ def stitch(
     with progress() as report:
         if batch.apply_to(*map(str, images), output):
             from omnisight.pipeline.batch.batch import Batch
-            from omnisight.pipeline.stitch_batch import stitch_batch
+            from omnisight.pipeline.stitching.stitch_batch import stitch_batch
 
             result, done = stitch_batch(images, Batch(output, batch, report), rig, camera or (), options)
         else:

@@ -9,7 +9,7 @@ from omnisight.cli._output import is_json
 from omnisight.cli._progress import progress
 from omnisight.cli._view_options import CommonViewOptions, RepeatedViewOptions, ViewMotionOptions
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.view_options import ViewOptions
+from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.video_options import VideoOptions
 
 GROUP = "Views"
@@ -57,8 +57,8 @@ def view(
         Write the camera of the view; its provenance has the rotation.
     """
     from omnisight.cli._view_report import print_json, print_report
-    from omnisight.pipeline.view import skipped_message
-    from omnisight.pipeline.view_files import view_files
+    from omnisight.pipeline.views.view import skipped_message
+    from omnisight.pipeline.views.view_files import view_files
 
     views = each.of_outputs(output, common)
     if batch.apply_to(*images, *output):
@@ -86,7 +86,7 @@ def _view_batch(images: str, camera: Path | None, output: str, options: ViewOpti
     """Render the views by workers, and print the result."""
     from omnisight.cli._batch_report import check_batch, print_batch, print_batch_json
     from omnisight.pipeline.batch.batch import Batch
-    from omnisight.pipeline.view_batch import view_batch
+    from omnisight.pipeline.views.view_batch import view_batch
 
     if camera is None:
         raise ValueError("--workers, --cluster and URLs need a calibration file (--camera)")

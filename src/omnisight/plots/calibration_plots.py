@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.plots._figure import new_axes, new_figure
 from omnisight.plots._sources import central_camera
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.pipeline.inspect import model_title, radial_profile
+from omnisight.pipeline.conversion.inspect import model_title, radial_profile
 from omnisight.plots._figure import new_axes, new_figure
 from omnisight.plots._sources import CameraSource, central_camera
 from omnisight.quality.uncertainty import UncertaintyMap

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.calibration import Calibration
-from omnisight.pipeline.rig_calibration import RigCalibration
+from omnisight.pipeline.calibration.calibration import Calibration
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration
 from omnisight.plots._figure import new_figure
 from omnisight.plots._sources import File, camera_or_rig
 from omnisight.ray_camera import RayCamera

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.report.html import Markup, element, join, write_html
 from omnisight.report.json_data import json_element, to_dict
 from omnisight.report.page_frame import Page, render

@@ -18,7 +18,7 @@ from omnisight.choices import Options
 from omnisight.geometry.sphere import angle_from_axis, polar
 from omnisight.models import CameraModel
 from omnisight.optics.models.axial import Axial
-from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.quality.coverage import Coverage
 from omnisight.quality.noncentral_test import NonCentralityTest
 from omnisight.quality.pupil_shift import PupilShift

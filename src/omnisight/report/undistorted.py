@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.images import to_gray8
-from omnisight.pipeline.view_options import ViewOptions
-from omnisight.pipeline.view_target import view_target
+from omnisight.pipeline.views.view_options import ViewOptions
+from omnisight.pipeline.views.view_target import view_target
 from omnisight.views.remapper import Remapper
 
 # Perspective stretches the corners of a wider view more than fourfold.

@@ -5,10 +5,10 @@ import os
 import threading
 import time
 
+from omnisight.pipeline.batch.peak_memory import peak_memory_bytes
 from omnisight.pipeline.batch.records import Shard, ShardRecord
 from omnisight.pipeline.batch.storage import read_file, remove_file, write_file
 from omnisight.pipeline.batch.task import Process, Task
-from omnisight.pipeline.peak_memory import peak_memory_bytes
 
 # What a task computes once, such as the map of a camera. A worker serves one run at a time, on one or more threads.
 _prepared: dict[str, Process] = {}

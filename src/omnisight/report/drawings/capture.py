@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.sphere import polar
-from omnisight.pipeline.capture_session import CaptureSession, JudgedCandidate
+from omnisight.pipeline.calibration.capture_session import CaptureSession, JudgedCandidate
 from omnisight.quality.coverage import SECTORS, Coverage
 from omnisight.report.drawings.canvas import BLUE, GREEN, YELLOW, ImageCanvas
 from omnisight.report.drawings.detections import draw_board_rows

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.epipolar import EpipolarResult
-from omnisight.pipeline.photo import Photo
+from omnisight.pipeline.inputs.photo import Photo
+from omnisight.pipeline.two_views.epipolar import EpipolarResult
 from omnisight.report.drawings.canvas import GREEN, RED, WHITE, Color, ImageCanvas, write_text
 from omnisight.twoview.epipolar_curves import epipolar_curve, epipoles
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from omnisight.pipeline.inspect import RadialProfile
+from omnisight.pipeline.conversion.inspect import RadialProfile
 from omnisight.report.axes import Axes, legend
 from omnisight.report.drawings.cross_section import svg_document
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.pipeline.stereo import StereoResult
+from omnisight.pipeline.two_views.stereo import StereoResult
 from omnisight.report.color_scale import viridis
 from omnisight.report.drawings.canvas import WHITE, ImageCanvas, write_text
 

@@ -1,7 +1,7 @@
 """HTML of a calibration: its verdict, its camera and its figures."""
 
 from omnisight.camera import Camera
-from omnisight.pipeline.calibration import Calibration
+from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.report.notebook import camera as camera_html
 from omnisight.report.notebook import ray_camera as ray_camera_html
 from omnisight.report.notebook._summary import summary

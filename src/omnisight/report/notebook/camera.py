@@ -3,7 +3,7 @@
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.pipeline.inspect import radial_profile
+from omnisight.pipeline.conversion.inspect import radial_profile
 from omnisight.report.drawings.radial_profile import profile_svg
 from omnisight.report.notebook._summary import summary
 

@@ -1,6 +1,6 @@
 """HTML of the calibration of a rig: its verdict and its cameras from above."""
 
-from omnisight.pipeline.rig_calibration import RigCalibration
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration
 from omnisight.report.notebook import rig as rig_html
 from omnisight.report.notebook._summary import summary
 

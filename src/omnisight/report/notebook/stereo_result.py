@@ -1,6 +1,6 @@
 """HTML of distances from a stereo pair: the distances in colours over the left image."""
 
-from omnisight.pipeline.stereo import StereoResult
+from omnisight.pipeline.two_views.stereo import StereoResult
 from omnisight.report.drawings.stereo import draw_distances
 from omnisight.report.notebook._summary import photo_url, summary
 

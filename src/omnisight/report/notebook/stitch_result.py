@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from omnisight.pipeline.stitch import StitchResult
+from omnisight.pipeline.stitching.stitch import StitchResult
 from omnisight.report.notebook._summary import photo_url, summary
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from omnisight.pipeline.rig_calibration import RigCalibration
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration
 from omnisight.report.html import join, write_html
 from omnisight.report.json_data import json_element
 from omnisight.report.page_frame import Page, render

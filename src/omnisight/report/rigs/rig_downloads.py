@@ -7,7 +7,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.formats import Format, FormatError, get_format, rig_format_names, save
 from omnisight.models.ocam import Ocam
-from omnisight.pipeline.ocam_roll import with_upright_ocam
+from omnisight.pipeline.conversion.ocam_roll import with_upright_ocam
 from omnisight.report.html import Markup, element, join
 from omnisight.report.rigs.rig_report_data import RigReportData
 from omnisight.report.section import Guide, Section

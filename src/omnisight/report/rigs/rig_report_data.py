@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnisight.calibration.rigs.bundle import RigBundle
 from omnisight.geometry.pose import Pose
-from omnisight.pipeline.rig_calibration import RigCalibration, root_mean_square
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration, root_mean_square
 from omnisight.report.report_data import ReportOptions
 from omnisight.report.rigs.direction_map import visible_directions
 from omnisight.rig import Rig

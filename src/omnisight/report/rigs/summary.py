@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from omnisight.pipeline.rig_calibration import root_mean_square
+from omnisight.pipeline.rig_calibration.rig_calibration import root_mean_square
 from omnisight.report.html import Markup, element, join
 from omnisight.report.rigs.direction_map import share_of_sphere
 from omnisight.report.rigs.rig_report_data import RigReportData

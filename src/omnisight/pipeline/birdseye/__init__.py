@@ -1,0 +1,1 @@
+"""Bird's-eye views of the cameras of a vehicle."""

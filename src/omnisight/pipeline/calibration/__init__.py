@@ -1,0 +1,1 @@
+"""Calibration of one camera, and what precedes and follows it."""

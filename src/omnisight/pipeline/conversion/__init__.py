@@ -1,0 +1,1 @@
+"""Conversion, examination and comparison of calibrations."""

@@ -1,0 +1,183 @@
+"""Conversion of calibration files: the counterpart of `omnisight convert`."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from omnisight.camera import Camera
+from omnisight.conversion import Conversion, convert_model, flip_frame, max_convertible_theta, rank_conversions
+from omnisight.display import Displayed, rounded
+from omnisight.extensions import unknown_name
+from omnisight.formats import Format, SaveResult, get_format, save
+from omnisight.models import model_names
+from omnisight.pipeline.conversion.convert_options import ConvertOptions
+from omnisight.pipeline.inputs.central_camera import central_camera
+
+MAX_SUGGESTIONS = 3  # models in an error message
+
+
+@dataclass(frozen=True)
+class ConvertResult(Displayed):
+    """The result of `convert`.
+
+    Attributes
+    ----------
+    source
+        The central camera that was converted.
+    camera
+        The camera that was written.
+    conversion
+        The fit of another model, or None if the model did not change.
+    written
+        The file and how accurately it reads back.
+    convention
+        The convention of the format, in one line.
+    """
+
+    source: Camera
+    camera: Camera
+    conversion: Conversion | None
+    written: SaveResult
+    convention: str
+
+
+class ConversionError(ValueError):
+    """No model of the format represents the camera accurately enough; nothing was written.
+
+    Attributes
+    ----------
+    source
+        The camera.
+    conversion
+        The fit that was refused.
+    """
+
+    def __init__(self, message: str, source: Camera, conversion: Conversion) -> None:
+        super().__init__(message)
+        self.source = source
+        self.conversion = conversion
+
+
+def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
+    """Write a camera in another format, and in another camera model if the format or the options require it.
+
+    `convert_rig` does so for all cameras of a rig.
+
+    Parameters
+    ----------
+    path
+        A calibration file of any format.
+    options
+        The format, the model and the accuracy.
+
+    Returns
+    -------
+    result
+        The camera, its difference from the source, and the file.
+
+    Raises
+    ------
+    ConversionError
+        If the model differs from the camera by more than `max_error_px`.
+    ValueError
+        If the format or the model is unknown, the file cannot be read or written, or the model cannot be fitted.
+    """
+    path, target = Path(path), target_format(options)
+    if options.invert_extrinsics:
+        raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
+    source = central_camera(path, name=options.name, distance=options.distance)
+    camera, conversion = convert_camera(source, target, options)
+    camera = _flipped(camera, path) if options.flip else camera
+    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    max_error = math.inf if options.force else options.max_error_px
+    written = save(camera, output, format=options.format, max_error=max_error)
+    return ConvertResult(source, camera, conversion, written, target.CONVENTION)
+
+
+def _flipped(camera: Camera, path: Path) -> Camera:
+    """Return the camera in the reflected frame; raise ValueError with the name of its file if that is impossible."""
+    try:
+        return flip_frame(camera)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error} (--model)") from error
+
+
+def target_format(options: ConvertOptions) -> Format:
+    """Return the format to write; raise ValueError if there is none of this name."""
+    if options.format in model_names():
+        raise ValueError(f"{options.format} is a camera model, not a format: --to native --model {options.format}")
+    return get_format(options.format)
+
+
+def convert_camera(source: Camera, target: Format, options: ConvertOptions) -> tuple[Camera, Conversion | None]:
+    """Return the camera in a model of a format and its fit, None if the model did not change.
+
+    Raises
+    ------
+    ConversionError
+        If the model differs from the camera by more than `max_error_px`.
+    """
+    conversion = _fit(source, target, options)
+    if conversion is not None and not conversion.max_px <= options.max_error_px and not options.force:
+        raise ConversionError(_refusal(source, conversion, target, options), source, conversion)
+    return (source, None) if conversion is None else (conversion.camera, conversion)
+
+
+def _fit(source: Camera, target: Format, options: ConvertOptions) -> Conversion | None:
+    """Return the fit of the requested or the most accurate model of a format; None to keep the camera's model."""
+    own = source.model.name
+    if options.model is not None and options.model not in model_names():
+        raise ValueError(unknown_name("camera model", options.model, target.MODELS))
+    if options.model is not None and options.model not in target.MODELS:
+        raise ValueError(f"{target.TITLE} has no model {options.model}; it has {', '.join(target.MODELS)}")
+    model = options.model or (own if own in target.MODELS else None)
+    if model == own:
+        return None
+    theta_max = _theta_max(options)
+    if model is not None:
+        return convert_model(source, model, theta_max=theta_max)
+    ranked = rank_conversions(source, target.MODELS, theta_max=theta_max)
+    # A format may lack a parameter of one of its models.
+    return next((conversion for conversion in ranked if _can_hold(target, conversion.camera)), ranked[0])
+
+
+def _theta_max(options: ConvertOptions) -> float | None:
+    return None if options.max_theta_deg is None else math.radians(options.max_theta_deg)
+
+
+def _can_hold(target: Format, camera: Camera) -> bool:
+    """Return whether a format can write a camera."""
+    try:
+        target.serialize(camera)
+    except ValueError:
+        return False
+    return True
+
+
+def _refusal(source: Camera, conversion: Conversion, target: Format, options: ConvertOptions) -> str:
+    """Return a message with the error of a conversion and what would work: a narrower field of view, another model."""
+    name, own = conversion.camera.model.name, source.model.name
+    theta_max, max_px = _theta_max(options), options.max_error_px
+    worst = f"{math.degrees(conversion.worst_theta):.0f} degrees"
+    error = (
+        f"{rounded(conversion.max_px, 3)} px off at {worst}"
+        if conversion.max_px < math.inf
+        else f"no pixels past {worst}"
+    )
+    suggestions: list[str] = []
+    limit = max_convertible_theta(source, name, max_px, theta_max=theta_max)
+    if limit is not None and math.degrees(limit) >= 1:
+        suggestions.append(f"--max-theta {math.floor(math.degrees(limit))}")
+    models = [own] if own in target.MODELS else []
+    others = [other for other in target.MODELS if other not in (name, own)]
+    if others:
+        ranked = rank_conversions(source, others, theta_max=theta_max)
+        models += [other.camera.model.name for other in ranked if other.max_px <= max_px]
+    if models:
+        suggestions.append(f"--model {' or '.join(models[:MAX_SUGGESTIONS])}")
+    else:
+        suggestions.append("--to native, which holds every model")
+    return (
+        f"{name} cannot represent this {own} camera to {math.degrees(conversion.theta_max):.0f} degrees: {error},"
+        f" {max_px:g} allowed. Nothing was written; try {', '.join(suggestions)}, or --force"
+    )

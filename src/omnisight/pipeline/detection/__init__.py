@@ -1,0 +1,1 @@
+"""Detection of boards in images."""

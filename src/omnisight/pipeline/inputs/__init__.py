@@ -1,0 +1,1 @@
+"""Images, cameras and folders that the functions read."""

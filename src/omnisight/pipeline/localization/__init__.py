@@ -1,0 +1,1 @@
+"""Maps, localization in them, and the visual compass."""

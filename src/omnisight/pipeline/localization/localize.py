@@ -1,0 +1,73 @@
+"""Localization of images in a map: `omnisight localize`."""
+
+from collections.abc import Iterable
+from os import PathLike
+
+from omnisight.features import FeatureOptions, detect_features
+from omnisight.images import UnreadableImage, read_image, read_mask
+from omnisight.localization.focal_length_check import check_focal_length
+from omnisight.localization.localize import LocalizedImage
+from omnisight.localization.localize import localize as localize_keypoints
+from omnisight.localization.visual_map import VisualMap
+from omnisight.pipeline.inputs.central_camera import CameraSource, camera_of_image
+from omnisight.pipeline.inputs.image_set import image_set
+from omnisight.pipeline.localization.localization_result import LocalizationResult
+from omnisight.pipeline.localization.localize_options import LocalizeOptions
+from omnisight.pipeline.localization.visual_map import read_map
+from omnisight.pipeline.reconstruction.detected_images import Progress
+
+
+def localize(
+    images: str | PathLike[str] | Iterable[str | PathLike[str]],
+    visual_map: VisualMap | str | PathLike[str],
+    camera: CameraSource | None = None,
+    options: LocalizeOptions = LocalizeOptions(),
+    progress: Progress = lambda stage, done, total: None,
+) -> LocalizationResult:
+    """Estimate the poses of images in a map that other images, of any other camera, were used for.
+
+    Parameters
+    ----------
+    images
+        Folder, or image files.
+    visual_map
+        The map, or its folder.
+    camera
+        The camera of the images, or its calibration file; none is needed for 2:1 equirectangular images.
+    options
+        Options of the command.
+    progress
+        Called with the stage, the work done and the total.
+
+    Returns
+    -------
+    For each image, by name, its pose and covariance, or the reason why it is unknown; and the focal length that the
+    images agree with best, if it differs from that of the camera and moves the poses.
+
+    Raises
+    ------
+    ValueError
+        If the map or none of the images can be read, or the camera does not fit.
+    """
+    known = visual_map if isinstance(visual_map, VisualMap) else read_map(visual_map)
+    files = image_set(images)
+    found: dict[str, LocalizedImage] = {}
+    unreadable = list[UnreadableImage]()
+    for path, name in zip(files.paths, files.names, strict=True):
+        progress("localize", len(found), len(files))
+        try:
+            image = read_image(path, apply_exif=options.apply_exif)
+        except UnreadableImage as error:
+            unreadable.append(error)
+            found[name] = LocalizedImage.without_pose(str(error), is_readable=False)
+            continue
+        size = image.shape[1], image.shape[0]
+        model = camera_of_image(camera, size, str(path), name=options.name, scale=options.scale_camera)
+        mask = None if options.mask is None else read_mask(options.mask, size)
+        keypoints = detect_features(image, model, FeatureOptions(max_keypoints=options.max_keypoints), mask=mask)
+        found[name] = localize_keypoints(keypoints, known, model)
+    progress("localize", len(found), len(files))
+    if len(unreadable) == len(files):
+        raise unreadable[0]
+    checked, change = check_focal_length(list(found.values()))
+    return LocalizationResult(dict(zip(found, checked, strict=True)), change)

@@ -1,0 +1,1 @@
+"""Visual odometry, and the examination of its sequences."""

@@ -1,0 +1,157 @@
+"""Known positions of images: from their EXIF tags or from a table."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.geometry.geodesy import east_north_up
+from omnisight.images import GeodeticPosition, exif_position
+from omnisight.pipeline.inputs.image_set import ImageSet
+
+Array = NDArray[np.float64]
+
+# Bytes of a JPEG file that contain its EXIF tags: segments of up to 64 KiB, the first of which may be another.
+EXIF_BYTES = 1 << 17
+EXIF = "exif"
+METRIC = ("x", "y", "z")
+GEODETIC = ("latitude", "longitude", "altitude")
+# Least and largest angle; longitudes are counted from -180° or from 0°.
+DEGREES = {"latitude": (-90.0, 90.0), "longitude": (-180.0, 360.0)}
+SHORT = {"lat": "latitude", "lon": "longitude", "lng": "longitude", "alt": "altitude", "image": "name", "file": "name"}
+
+
+@dataclass(frozen=True, eq=False)
+class KnownPositions:
+    """Positions of images.
+
+    Attributes
+    ----------
+    positions
+        (I, 3) metres; NaN if unknown. East, north and up of the origin, if there is one.
+    origin
+        On the ellipsoid WGS 84; None for positions in another frame.
+    warnings
+        Rows of a table that are not used.
+    """
+
+    positions: Array
+    origin: GeodeticPosition | None = None
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of_geodetic(cls, positions: Array) -> "KnownPositions":
+        """Return positions (I, 3) of latitude, longitude and altitude relative to the first of them."""
+        altitude = positions[:, 2]
+        if np.isnan(altitude).all():
+            positions = np.column_stack([positions[:, :2], np.zeros(len(positions))])
+        known = np.flatnonzero(np.isfinite(positions).all(axis=1))
+        if not len(known):
+            return cls(np.full((len(positions), 3), np.nan))
+        origin = GeodeticPosition(*positions[known[0]].tolist())
+        return cls(east_north_up(positions, origin), origin)
+
+
+def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
+    """Read the positions of images.
+
+    Parameters
+    ----------
+    source
+        "exif" for the tags of the images, or a CSV file with a header: name and x, y, z in metres, or name, latitude,
+        longitude and altitude.
+    files
+        The images.
+
+    Raises
+    ------
+    ValueError
+        If no image has a position, the file is damaged, or a latitude or longitude is impossible.
+    """
+    found = _exif_positions(files) if str(source) == EXIF else _read_table(Path(source), files)
+    if not np.isfinite(found.positions).all(axis=1).any():
+        where = "their EXIF tags" if str(source) == EXIF else source
+        raise ValueError(f"{files.paths[0].parent}: none of the {len(files)} images has a position in {where}")
+    return found
+
+
+def image_named(files: ImageSet, name: str) -> int:
+    """Return the index of an image by its path relative to the folder, its file name, or its name without extension.
+
+    Raises
+    ------
+    ValueError
+        If there is no such image, or several.
+    """
+    for of_image in (lambda path: path.as_posix(), lambda path: path.name, lambda path: path.stem):
+        found = [i for i, each in enumerate(files.names) if of_image(PurePosixPath(each)) == name]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ValueError(
+                f"{name}: {len(found)} images have this name, such as {files.names[found[0]]}: add the folder"
+            )
+    raise ValueError(f"{name}: no such image; the first is {files.names[0]}")
+
+
+def _exif_positions(files: ImageSet) -> KnownPositions:
+    positions = np.full((len(files), 3), np.nan)
+    for i, path in enumerate(files.paths):
+        with path.open("rb") as file:
+            position = exif_position(file.read(EXIF_BYTES))
+        if position is not None:
+            positions[i] = position
+    return KnownPositions.of_geodetic(positions)
+
+
+def _read_table(path: Path, files: ImageSet) -> KnownPositions:
+    """Read a CSV file; lines of other images are skipped."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, csv.Error) as error:
+        raise ValueError(f"{path}: cannot be read: {error}") from error
+    header = [SHORT.get(cell.strip().lower(), cell.strip().lower()) for cell in rows[0]] if rows else []
+    kind = next((kind for kind in (METRIC, GEODETIC) if {"name", *kind} <= set(header)), None)
+    if kind is None:
+        raise ValueError(
+            f"{path}: its first line is {','.join(header)[:80]!r}; expected the columns name,x,y,z or"
+            " name,latitude,longitude,altitude"
+        )
+    name_column, columns = header.index("name"), [header.index(column) for column in kind]
+    number = {name: i for i, name in reversed(list(enumerate(files.names)))}
+    number |= {PurePosixPath(name).name: i for name, i in number.items()}
+    positions, line_of_image = np.full((len(files), 3), np.nan), dict[int, int]()
+    for line, row in enumerate(rows[1:], start=2):
+        if len(row) > name_column and (image := number.get(row[name_column])) is not None:
+            cells = [row[c] if c < len(row) else "" for c in columns]
+            positions[image], line_of_image[image] = _position(cells, kind, f"{path}, line {line}"), line
+    found = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
+    unknown = set(np.flatnonzero(~np.isfinite(found.positions).all(axis=1)).tolist())
+    return replace(
+        found, warnings=_unused_rows(path, [line for i, line in line_of_image.items() if i in unknown], kind)
+    )
+
+
+def _position(cells: Sequence[str], kind: Sequence[str], where: str) -> Array:
+    """Return the numbers of cells, NaN of empty ones; raise ValueError with their place for others."""
+    try:
+        numbers = np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    for name, number in zip(kind, numbers.tolist(), strict=True):
+        least, most = DEGREES.get(name, (-np.inf, np.inf))
+        if number < least or number > most:
+            raise ValueError(f"{where}: the {name} {number:g} is not from {least:g} to {most:g} degrees")
+    return numbers
+
+
+def _unused_rows(path: Path, lines: Sequence[int], kind: Sequence[str]) -> tuple[str, ...]:
+    """Return the warning that rows of images have no position; none without rows."""
+    if not lines:
+        return ()
+    rows = f"line {lines[0]} is" if len(lines) == 1 else f"{len(lines)} lines of images, the first is {lines[0]}, are"
+    return (f"{path}: {rows} not used: without a finite number for each of {', '.join(kind)}",)

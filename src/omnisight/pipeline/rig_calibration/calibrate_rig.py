@@ -1,0 +1,133 @@
+"""Calibration of a rig from simultaneous images of a board: `omnisight calibrate-rig`."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from os import PathLike
+from typing import Any
+
+from omnisight.calibration.rigs.cross_validation import held_out_lengths
+from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
+from omnisight.calibration.rigs.model_uncertainty import model_covariance
+from omnisight.choices import check_options
+from omnisight.extensions import did_you_mean_file
+from omnisight.images.collect import collect_images
+from omnisight.images.output_paths import image_labels
+from omnisight.pipeline.calibration.provenance import tool_provenance
+from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
+from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration, pair_evidence
+from omnisight.pipeline.rig_calibration.rig_cameras import (
+    RigCamera,
+    check_different_images,
+    check_not_exchanged,
+    check_not_mirrored,
+    rig_camera,
+)
+from omnisight.pipeline.rig_calibration.rig_observations import free_parameters, rig_observations, symmetric_boards
+from omnisight.pipeline.rig_calibration.rig_sources import RigSources, named_sources, with_common_frames
+from omnisight.pipeline.rig_calibration.simultaneous_views import SimultaneousViews
+from omnisight.pipeline.rig_calibration.unconnected_rig import explain_unconnected
+from omnisight.rig import Rig
+from omnisight.targets.observations import Observations
+
+Progress = Callable[[str, int, int], None]
+
+
+def calibrate_rig(
+    sources: RigSources | Sequence[str | PathLike[str]],
+    options: CalibrateRigOptions = CalibrateRigOptions(),
+    *,
+    progress: Progress | None = None,
+) -> RigCalibration:
+    """Calibrate a rig: the cameras, their poses relative to each other, the board poses and board warps, jointly.
+
+    Parameters
+    ----------
+    sources
+        What `calibrate` takes for each camera, by name; or one folder, clip or pattern for each, which names it. The
+        observations of several boards by a camera may be given by the name of the board.
+        Simultaneous images have the same name, number, place in the order, or time.
+    options
+        Options of the command.
+    progress
+        Called with (stage, done, total).
+
+    Raises
+    ------
+    ValueError
+        If an input cannot be read, a camera sees too few boards, or common boards do not connect the cameras.
+    """
+    check_options(options, CalibrateRigOptions)
+    report, started = progress or (lambda stage, done, total: None), time.perf_counter()
+    named = with_common_frames(_with_reference_first(named_sources(sources), options), options, report)
+    _check_names(named, options)
+    cameras = [rig_camera(name, source, options, report) for name, source in named.items()]
+    check_different_images(cameras)
+    check_not_mirrored(cameras)
+    check_not_exchanged(cameras)
+    alone = time.perf_counter()
+    observations, states, simultaneous = rig_observations(cameras, options)
+    report("refine rig", 0, 1)
+    free = free_parameters(cameras, observations, options)
+    try:
+        estimate = estimate_rig(observations, states, free, symmetric=symmetric_boards(observations))
+    except Unconnected as error:
+        raise ValueError(explain_unconnected(error, simultaneous.rule)) from error
+    report("refine rig", 1, 1)
+    calibration = assess(cameras, estimate, simultaneous, list(named_sources(sources)))
+    end = time.perf_counter()
+    seconds = {"cameras": alone - started, "rig": end - alone, "total": end - started}
+    return replace(calibration, seconds=seconds)
+
+
+def _with_reference_first(named: dict[str, Any], options: CalibrateRigOptions) -> dict[str, Any]:
+    """Return the sources with the reference camera first."""
+    reference = options.reference
+    if reference is None:
+        return named
+    if reference not in named:
+        raise ValueError(f"--reference {reference}: there is no such camera; there are {', '.join(named)}")
+    return {reference: named[reference], **named}
+
+
+def _check_names(named: Mapping[str, Any], options: CalibrateRigOptions) -> None:
+    """Check that every known camera has images, and that the images to leave out exist."""
+    if unknown := [name for name in options.camera_files if name not in named]:
+        raise ValueError(f"--camera {unknown[0]}: there are no images of this camera; there are {', '.join(named)}")
+    images = {image for source in named.values() for image in _image_names(source)} if options.drop else set[str]()
+    if unknown := [name for name in options.drop if name not in images]:
+        raise ValueError(f"--drop: no camera has an image {unknown[0]}{did_you_mean_file(unknown[0], images)}")
+
+
+def _image_names(source: Any) -> list[str]:
+    """Return the names of the images of a camera."""
+    if isinstance(source, Mapping):
+        return [name for views in source.values() for name in _image_names(views)]
+    if isinstance(source, Observations):
+        return list(source.image_names or source.names)
+    return image_labels(collect_images(source, videos=True))
+
+
+def assess(
+    cameras: Sequence[RigCamera], estimate: RigEstimate, simultaneous: SimultaneousViews, order: Sequence[str]
+) -> RigCalibration:
+    """Return the calibrated rig with its uncertainty, checks, verdict and provenance; cameras in the given order."""
+    names, state = estimate.observations.names, estimate.state
+    calibrated = tuple(
+        replace(
+            camera.camera, model=model, covariance=covariance if camera.directions.size else camera.camera.covariance
+        )
+        for camera, model, covariance in zip(cameras, state.models, estimate.covariance.cameras, strict=True)
+    )
+    offsets = tuple(state.time_offsets.tolist()) if estimate.has_time_offsets else ()
+    poses = tuple(state.sensor_from_rig.one(k) for k in range(len(names)))
+    unit = estimate.observations.parts[0].observations.unit
+    rig = Rig(calibrated, poses, names, time_offsets=offsets, unit=unit)
+    candidates = [() if camera.calibration is None else camera.calibration.candidates for camera in cameras]
+    models = model_covariance(estimate.problem, state, candidates)
+    rig = replace(rig, covariance=estimate.covariance.extrinsics + models)
+    held_out = held_out_lengths(estimate.problem, state)
+    rule = simultaneous.rule
+    result = RigCalibration(rig.subset(order), tuple(cameras), estimate, held_out, rule, pair_evidence(estimate))
+    provenance = {**tool_provenance(), "images": {c.name: c.images for c in cameras}}
+    return replace(result, rig=replace(result.rig, calibration=result.figures(), provenance=provenance))

@@ -1,0 +1,1 @@
+"""Stitching of the images of a rig or head."""

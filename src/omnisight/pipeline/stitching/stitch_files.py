@@ -1,0 +1,171 @@
+"""The frames of a stitch and their files: photos with GPano tags, folders of them, and clips with sphere metadata."""
+
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
+from omnisight.images.gpano import with_gpano
+from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.planes import Yuv
+from omnisight.images.video_encoders import encoded_depth
+from omnisight.images.video_writer import VideoWriter
+from omnisight.images.write import WRITABLE_EXTENSIONS
+from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
+from omnisight.pipeline.stitching.stitch_options import StitchOptions
+from omnisight.video_options import CONTAINERS, VideoOptions
+from omnisight.views.stitching.frame_stitcher import FrameStitcher
+from omnisight.views.stitching.image_stitcher import ImageStitcher
+from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
+
+Progress = Callable[[str, int, int], None]
+
+# Containers in which the metadata of a sphere are written.
+SPHERE_SUFFIXES = (".mp4", ".m4v", ".mov")
+
+
+@dataclass(frozen=True, eq=False)
+class StitchJob:
+    """Frames to stitch.
+
+    Attributes
+    ----------
+    frames
+        The frames.
+    plan
+        The plan of the first frame.
+    bearings
+        (H, W, 3) directions of the sphere in the rig frame.
+    options, video
+        Options of the command.
+    target
+        File or folder to write; None to write nothing.
+    """
+
+    frames: HeadFrames
+    plan: SeamPlan
+    bearings: NDArray[np.float32]
+    options: StitchOptions
+    target: Path | None
+    video: VideoOptions
+
+    def needs_plan(self, count: int) -> bool:
+        """Return whether the seam is estimated again for a frame."""
+        return bool(self.options.every and count and count % self.options.every == 0)
+
+    def new_plan(self, images: Sequence[Bytes]) -> SeamPlan:
+        """Return a plan from the images of a frame."""
+        return plan_stitch(self.plan.samplers_before_warp, images, self.bearings.shape[1], warp=self.options.warp)
+
+
+@dataclass(frozen=True, eq=False)
+class StitchedFrames:
+    """Stitched frames: the first one, pixels that a camera shows (H, W), the number of frames and their files."""
+
+    first: Bytes
+    covered: NDArray[np.bool_]
+    count: int
+    files: tuple[Path, ...]
+
+
+def stitch_images(job: StitchJob, progress: Progress) -> StitchedFrames:
+    """Stitch and write frames of images."""
+    stitcher, first, files = ImageStitcher(job.plan, job.bearings), np.zeros((0, 0, 3), np.uint8), list[Path]()
+    for count, images in enumerate(job.frames):
+        if job.needs_plan(count):
+            stitcher = ImageStitcher(job.new_plan(images), job.bearings)
+        sphere = stitcher(images)
+        first = sphere if count == 0 else first
+        files += _write_image(job, sphere, count)
+        progress("stitch", count + 1, job.frames.count)
+    return StitchedFrames(first, stitcher.covered, job.frames.count, tuple(files))
+
+
+def stitch_clip(job: StitchJob, progress: Progress) -> StitchedFrames:
+    """Stitch and write the frames of clips; they are decoded, stitched and encoded at the same time.
+
+    Raises
+    ------
+    ValueError
+        If the clips have no common frame.
+    """
+    stitcher, first, count = FrameStitcher(job.plan, job.bearings), None, 0
+    clip, cameras = job.frames.clips[0], len(job.plan.samplers)
+    depth = 8 if job.target is None else encoded_depth(job.video.codec_of(job.target), clip.bits)
+    with ExitStack() as stack:
+        writer = None
+        if job.target is not None:
+            size = job.bearings.shape[1], job.bearings.shape[0]
+            writer = stack.enter_context(VideoWriter(job.target, size, clip, job.video, is_sphere=True))
+        for together in stack.enter_context(closing(job.frames.clip_frames())):
+            if job.needs_plan(count):
+                stitcher = FrameStitcher(job.new_plan(job.frames.images(together)), job.bearings)
+            sphere = stitcher(_of_cameras([frame.yuv(depth) for frame in together], cameras))
+            first = sphere if first is None else first
+            if writer is not None:
+                writer.write(sphere, together[0].seconds)
+            count += 1
+            progress("stitch", count, max(job.frames.count, count))
+    if first is None:
+        raise ValueError("the clips have no common frame: specify clips that were recorded at the same time")
+    files = () if job.target is None else (job.target,)
+    return StitchedFrames(first.frame.to_ndarray(format="rgb24"), stitcher.covered, count, files)
+
+
+def _of_cameras(frames: list[Yuv], cameras: int) -> list[Yuv]:
+    """Return the frame of each camera; one with the circles of all cameras is that of each."""
+    return frames * cameras if len(frames) < cameras else frames
+
+
+def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
+    """Write the sphere (H, W, 3) of a frame, and return its file."""
+    if job.target is None:
+        return []
+    path = job.target / f"{job.frames.labels[index]}.jpg" if job.frames.count > 1 else job.target
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, encode_sphere(sphere, path.name, job.options))
+    return [path]
+
+
+def encode_sphere(sphere: Bytes, name: str, options: StitchOptions) -> bytes:
+    """Return the bytes of an image file of a sphere (H, W, 3), with tags if it is a JPEG file."""
+    data = encode_image(sphere, name)
+    if Path(name).suffix.lower() not in (".jpg", ".jpeg"):
+        return data
+    is_level = options.level or bool(options.pitch or options.roll)
+    return with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=options.heading, is_level=is_level)
+
+
+def check_suffix(target: Path) -> None:
+    """Raise before any input is read if nothing is written with the extension of an output."""
+    suffix = target.suffix.lower()
+    if suffix and suffix not in (*WRITABLE_EXTENSIONS, *CONTAINERS) and not target.is_dir():
+        raise ValueError(f"{target}: cannot write {suffix} files; specify an image, a video (.mp4) or a folder")
+
+
+def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
+    """Return the output if it fits the frames.
+
+    Raises
+    ------
+    ValueError
+        If its extension does not fit, or it is one of the inputs.
+    """
+    inputs = [Path(s) for frame in frames.sources for s in frame if isinstance(s, str | Path)]
+    refuse_overwrite([target], inputs)
+    suffix = target.suffix.lower()
+    if frames.is_clip:
+        if suffix not in SPHERE_SUFFIXES:
+            raise ValueError(f"{target}: a stitched clip is written as {', '.join(SPHERE_SUFFIXES)}")
+        video.codec_of(target)
+    elif len(frames.sources) > 1 and suffix and not target.is_dir():
+        raise ValueError(f"{target}: there are {len(frames.sources)} frames; specify a folder")
+    elif len(frames.sources) == 1 and (suffix not in IMAGE_SUFFIXES or suffix not in WRITABLE_EXTENSIONS):
+        raise ValueError(f"{target}: specify an image file, such as sphere.jpg")
+    if not target.parent.is_dir():
+        raise ValueError(f"{target}: there is no folder {target.parent}; make it first")
+    return target

@@ -1,0 +1,1 @@
+"""Epipolar geometry and stereo of two images."""

@@ -1,0 +1,1 @@
+"""Views of images and clips, and maps for other programs."""
