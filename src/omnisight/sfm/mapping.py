@@ -18,6 +18,7 @@ from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
+from omnisight.sfm.noise import noise_of_map, noise_of_pairs
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
@@ -30,7 +31,10 @@ Indices = NDArray[np.intp]
 # Called with the number of frames in a map.
 Watch = Callable[[int], None]
 
-# Residuals of inliers in standard deviations. The noise is measured on inliers: lower thresholds shrink it.
+# Residuals of inliers in standard deviations of the noise of the map or of pairs of images, whichever is larger. The
+# noise of a map is measured on its inliers: where most points are in two images and many are wrong, poses fit ever
+# fewer of them ever better. With that of pairs, positions in rooms 2 to 4.6 m apart had errors of 0.01 % instead of
+# 0.065 %.
 MAX_RESIDUAL_SIGMA = 5.0
 # Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
 # that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
@@ -80,6 +84,8 @@ class Map:
         (Q,) of free cameras.
     measured
         What was measured in metres.
+    pair_noise
+        Noise of the keypoints by pairs of images, see `noise_of_pairs`.
     """
 
     images: RigImages
@@ -92,6 +98,7 @@ class Map:
     refines_sensors: bool = False
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
+    pair_noise: float = 0.0
 
     @property
     def has_scale(self) -> bool:
@@ -161,7 +168,7 @@ def map_images(
     while rest:
         first = _first_poses(replace(graph, edges=rest), distances, images)
         rest = [edge for edge in rest if edge.images not in first.contradicted]
-        start = _without_points(first, images, refines_sensors)
+        start = _without_points(first, images, rest, refines_sensors)
         is_moving = any(edge.has_translation for edge in rest)
         found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
@@ -205,7 +212,7 @@ def refine_poses(
 
     The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
     """
-    start = _without_points(first, images, refines_sensors)
+    start = _without_points(first, images, edges, refines_sensors)
     return _refined(start, _tracks(start, edges), watch)
 
 
@@ -217,11 +224,12 @@ def refine_with_ray_cameras(
     return _refined(exact, _tracks(exact, edges), watch)
 
 
-def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
+def _without_points(first: InitialPoses, images: RigImages, edges: Sequence[Edge], refines_sensors: bool) -> Map:
     """Return a map of some poses, without points."""
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
     no_points = np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
-    return Map(images, first.frames, first.rig_from_world, images.sensor_from_rig, *no_points, refines_sensors, values)
+    poses = first.frames, first.rig_from_world, images.sensor_from_rig
+    return Map(images, *poses, *no_points, refines_sensors, values, pair_noise=noise_of_pairs(edges, images))
 
 
 def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:
@@ -315,7 +323,7 @@ def _with_points(current: Map, tracks: Tracks) -> Map:
     origins = np.einsum("mji,mj->mi", rotations, images.origins[which] - translations)
     directions = np.einsum("mji,mj->mi", rotations, images.bearings[which])
     world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
-    limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
+    limits = (MAX_RESIDUAL_SIGMA * max(current.noise.sigma, current.pair_noise)) ** 2, MIN_PARALLAX_RAD
     points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
     arguments = *world_rays, *limits
     parallel_for(lambda a, b: triangulate_tracks(*arguments, a, b, points, inliers), len(tracks), TRACKS_PER_TASK)
@@ -328,7 +336,7 @@ def adjust_map(current: Map, tolerance: float = TOLERANCE) -> Map:
 
     For the tolerance see `minimize`.
     """
-    current = replace(current, noise=_noise(current.bundle, current.structure))
+    current = replace(current, noise=noise_of_map(current.bundle, current.structure))
     bundle = current.bundle
     structure = adjust_bundle(bundle, tolerance=tolerance).state
     return replace(
@@ -337,14 +345,6 @@ def adjust_map(current: Map, tolerance: float = TOLERANCE) -> Map:
         rig_from_world=structure.rig_from_world,
         sensor_from_rig=structure.sensor_from_rig,
         points=structure.points,
-        noise=_noise(bundle, structure),
+        noise=noise_of_map(bundle, structure),
         values=structure.values,
     )
-
-
-def _noise(bundle: Bundle, structure: Structure) -> StudentT:
-    """Return the distribution of the whitened residuals, corrected for the parameters that were fitted to them."""
-    fitted = StudentT.fit(bundle.squared_residuals(structure))
-    values = 2 * len(bundle.rays)
-    freedom = values - structure.points.size - bundle.parameters[2]
-    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(values / max(freedom, 1))))
