@@ -3,6 +3,7 @@
 import contextlib
 import os
 import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,6 +21,7 @@ from omnisight.images import (
     write_bytes,
     write_image,
 )
+from omnisight.images.collect import folders_with_images
 from omnisight.images.read import apply_orientation
 
 GRADIENT = np.arange(60, dtype=np.uint8).reshape(6, 10) * 4
@@ -181,6 +183,45 @@ def test_the_only_sub_folder_with_images_is_used(tmp_path):
         ValueError, match=r"no images in .* \(found no files\)\. Specify .*, such as .*cam0.data\. Supp"
     ):
         collect_images([tmp_path])
+
+
+def test_the_search_of_sub_folders_ends_in_loops_of_links(tmp_path):
+    image = tmp_path / "one" / "a.png"
+    image.parent.mkdir()
+    image.touch()
+    (tmp_path / "two").mkdir()
+    for name, target in {"up": tmp_path, "up2": tmp_path, "self": "self", "again": image.parent}.items():
+        (tmp_path / "two" / name).symlink_to(target)
+    assert folders_with_images(tmp_path) == [image.parent]
+    assert collect_images(tmp_path) == [image]
+
+
+def test_a_folder_of_too_many_sub_folders_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.images.collect.MAX_FOLDERS", 3)
+    for k in range(3):
+        (tmp_path / f"{k}").mkdir()
+    with pytest.raises(ValueError, match="no images in"):
+        collect_images(tmp_path)
+    (tmp_path / "3").mkdir()
+    with pytest.raises(ValueError, match="no images, and more than 3 sub-folders: specify that of the images"):
+        collect_images(tmp_path)
+    (tmp_path / "a.png").touch()
+    assert collect_images(tmp_path) == [tmp_path / "a.png"]
+
+
+def test_sub_folders_that_cannot_be_read_are_left_out(tmp_path, monkeypatch):
+    for name in ("lost+found", "images"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "images" / "a.png").touch()
+    listdir = os.listdir
+
+    def refuse(path):
+        if Path(path).name == "lost+found":
+            raise PermissionError(path)
+        return listdir(path)
+
+    monkeypatch.setattr(os, "listdir", refuse)
+    assert collect_images(tmp_path) == [tmp_path / "images" / "a.png"]
 
 
 def test_collecting_no_image_lists_the_other_files(tmp_path):

@@ -13,6 +13,8 @@ from omnisight.images.video_files import VIDEO_SUFFIXES, has_clip_suffix
 
 # Beginnings of the names of folders without recorded images: hidden ones, and drawings, such as omnisight-detect.
 IGNORED_FOLDERS = ".", "omnisight-"
+# Sub-folders that are searched for images: their search takes about 1 s. A home folder has more.
+MAX_FOLDERS = 10_000
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".gif")
 
 
@@ -22,8 +24,8 @@ def collect_images(inputs: str | PathLike[str] | Iterable[str | PathLike[str]], 
     Parameters
     ----------
     inputs : path or iterable of paths
-        Folders, files, and glob patterns such as `images/*.png`. Folders are not searched recursively, but of a folder
-        without images that has one sub-folder with images, such as `cam0` with `cam0/data`, this one is used.
+        Folders, files, and glob patterns such as `images/*.png`. Sub-folders are ignored, except that a folder without
+        images is replaced by its only sub-folder with images, such as `cam0` by `cam0/data`.
     videos : bool
         Include video files. Those in a folder are included only if the folder has no images.
 
@@ -85,16 +87,43 @@ def expand_path(item: str | PathLike[str]) -> list[Path]:
 
 
 def folders_with_images(folder: Path) -> list[Path]:
-    """Return the folders nearest below a folder that contain images or clips; none if it contains some itself."""
-    if not folder.is_dir() or _has_images(folder):
-        return []
-    nested = [sub for sub in folder.iterdir() if sub.is_dir() and not sub.name.startswith(IGNORED_FOLDERS)]
-    nested = sorted(nested, key=natural_sort_key)
-    return [found for sub in nested for found in ([sub] if _has_images(sub) else folders_with_images(sub))]
+    """Return the folders nearest below a folder that contain images or clips; none if it contains some itself.
+
+    Symbolic links are followed, and each folder is visited once. Folders that cannot be read are left out.
+
+    Raises
+    ------
+    ValueError
+        If the folder has no images and more than `MAX_FOLDERS` sub-folders.
+    """
+    found, visited, waiting = list[Path](), set[tuple[int, int] | str](), [folder]
+    while waiting:
+        path = waiting.pop()
+        try:
+            names, identifier = os.listdir(path), _file_id(path)
+        except OSError:
+            continue
+        if identifier in visited:
+            continue
+        visited.add(identifier)
+        if len(visited) > MAX_FOLDERS + 1:
+            raise ValueError(
+                f"{folder}: no images, and more than {MAX_FOLDERS} sub-folders: specify that of the images"
+            )
+        if not any(_is_image(path / name) for name in names):
+            nested = [path / name for name in names if not name.startswith(IGNORED_FOLDERS)]
+            waiting += sorted(filter(os.path.isdir, nested), key=natural_sort_key, reverse=True)
+        elif path == folder:
+            return []
+        else:
+            found.append(path)
+    return found
 
 
-def _has_images(folder: Path) -> bool:
-    return any(file.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) for file in _files_in(folder))
+def _is_image(path: Path) -> bool:
+    """Return whether a path is an image or a clip that is not hidden."""
+    is_visible = path.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) and not path.name.startswith(".")
+    return is_visible and os.path.isfile(path)
 
 
 def _files_in(folder: Path) -> list[Path]:
