@@ -10,6 +10,7 @@ from clips import rendered_clip, write_clip
 from omnisight.geometry import rotation as so3
 from omnisight.pipeline.rig_calibration.rig_sources import named_sources, with_common_frames
 from omnisight.pipeline.rig_calibration.simultaneous_views import read_times, simultaneous_views
+from pace import assert_quick
 
 KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
 
@@ -106,6 +107,12 @@ def test_times_of_frames_are_given_by_their_numbers():
     assert found.frame[0]["a-000001.png"] == found.frame[1]["b-000007.png"]
     with pytest.raises(ValueError, match=r"no time for a-000002.png .*, or one with the number of the image or frame"):
         simultaneous_views({"a": ("a-000002.png",), "b": ("b-000007.png",)}, times)
+
+
+def test_times_of_long_clips_are_found_quickly():
+    times = {name: {str(k): k / 30 for k in range(20_000)} for name in ("a", "b")}
+    images = {name: [f"{name}-{k:06d}.png" for k in range(0, 20_000, 50)] for name in times}
+    assert_quick(lambda: simultaneous_views(images, times), 30)
 
 
 def test_frames_of_clips_that_start_at_different_times_are_those_of_the_same_times(tmp_path):

@@ -131,9 +131,14 @@ def _simultaneous_frames(
     moments = [times[name][k] for name, frames in selected.items() for k in frames if k in times[name]]
     found = {name: set(frames) for name, frames in selected.items()}
     for name, own in times.items():
-        limit = MAX_INTERVAL_SHARE * median_interval(np.array(list(own.values())))
-        nearest = [(min(own, key=lambda k: abs(own[k] - moment)), moment) for moment in moments] if own else []
-        found[name] |= {k for k, moment in nearest if abs(own[k] - moment) <= limit}
+        if not own:
+            continue
+        numbers, seconds = list(own), np.array(list(own.values()))
+        limit = MAX_INTERVAL_SHARE * median_interval(seconds)
+        for moment in moments:
+            nearest = int(np.abs(seconds - moment).argmin())
+            if abs(seconds[nearest] - moment) <= limit:
+                found[name].add(numbers[nearest])
     return found
 
 

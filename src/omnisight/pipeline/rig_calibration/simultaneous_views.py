@@ -83,9 +83,8 @@ def simultaneous_views(
         frame, rule = simultaneous_images(keys, index)
         seconds, delays = None, np.zeros(len(frame))
     else:
-        taken = stamps or {
-            camera: np.array([_time(times or {}, camera, name) for name in found]) for camera, found in images.items()
-        }
+        given = times or {}
+        taken = stamps or {name: _times_of(found, name, given.get(name, {})) for name, found in images.items()}
         frame, seconds, delays = _by_time(taken, np.inf if stamps is None else MAX_STAMP_DIFFERENCE_S)
         rule = "time" if stamps is None else "timestamp"
     first: dict[int, str] = {}
@@ -171,18 +170,20 @@ def median_interval(seconds: Array) -> float:
     return float(np.median(np.diff(np.sort(seconds)))) if len(seconds) > 1 else np.inf
 
 
-def _time(times: Mapping[str, Mapping[str, float]], camera: str, name: str) -> float:
-    """Return the time of an image, given by its file name, its stem, or the last number in it."""
-    own, stem = times.get(camera, {}), Path(name).stem
-    found = own.get(name, own.get(stem))
-    if found is None and (numbers := re.findall(r"\d+", stem)):
-        found = frame_times(own).get(int(numbers[-1]))
-    if found is None:
-        raise ValueError(
-            f"--times: no time for {name} of the camera {camera}: add a line {camera},{name},SECONDS, or one with the"
-            " number of the image or frame in place of its name"
-        )
-    return found
+def _times_of(names: Sequence[str], camera: str, times: Mapping[str, float]) -> Array:
+    """Return the times (s) of the images of a camera, given by file name, stem, or the last number in it."""
+    by_number, found = frame_times(times), list[float]()
+    for name in names:
+        stem = Path(name).stem
+        numbers = re.findall(r"\d+", stem)
+        seconds = times.get(name, times.get(stem, by_number.get(int(numbers[-1])) if numbers else None))
+        if seconds is None:
+            raise ValueError(
+                f"--times: no time for {name} of the camera {camera}: add a line {camera},{name},SECONDS, or one with"
+                " the number of the image or frame in place of its name"
+            )
+        found.append(seconds)
+    return np.array(found)
 
 
 def frame_times(times: Mapping[str, float]) -> dict[int, float]:
