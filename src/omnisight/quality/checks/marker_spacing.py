@@ -18,12 +18,12 @@ PRIORITY = 1
 
 # Relative change of the size at which the pixels are differentiated.
 DIFFERENCE_STEP = 1e-3
-# Share of the squared residuals that another size explains, from which on it is the main cause of the residuals.
+# Share of the squared residuals that another size explains: from a half, it is the main cause of the residuals.
 MIN_EXPLAINED_SHARE = 0.5
 
 
 def check(evidence: Evidence) -> Check:
-    """Check that markers of another size do not explain the residuals: each is printed around its centre."""
+    """Check that markers of another size, about the same centres, do not explain the residuals."""
     passed = Check("marker spacing")
     detections = evidence.observations.detections
     board = None if detections is None else detections.board
@@ -39,9 +39,9 @@ def check(evidence: Evidence) -> Check:
     return Check(
         passed.name,
         level,
-        f"The gap between two markers is {actual:.3f} of the side of a marker, not {assumed:.3g} as specified for the"
-        f" board, which explains {100 * share:.0f} % of the squared residuals: correct the"
-        f" {'spacing' if isinstance(board, AprilGrid) else 'separation'} of the board, and measure its markers again.",
+        f"The gap between two markers is {actual:.3f} of the side of a marker, not {assumed:.3g} as specified. The"
+        f" difference explains {100 * share:.0f} % of the squared residuals: measure the markers, and correct the"
+        f" {'spacing' if isinstance(board, AprilGrid) else 'separation'} of the board.",
     )
 
 
