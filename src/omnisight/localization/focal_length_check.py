@@ -15,14 +15,14 @@ from omnisight.sfm.calibration_check import FocalLengthChange, scaling_basis
 
 Array = NDArray[np.float64]
 
-# Estimates of the poses with the changed focal length, each of which finds more of the inliers, and change of the
-# focal length, in standard deviations, at which they end.
+# Largest number of Gauss-Newton steps, and their size, in standard deviations, below which they end. The images are
+# resected after each step, which finds more inliers. Focal lengths that were wrong by 2 to 5 % took 3 or 4 steps.
 MAX_ROUNDS, CONVERGED_SIGMA = 10, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class _Resection:
-    """The pose of an image by its matches, whose camera has some focal length.
+    """The pose of an image that its matches determine, for some focal length of its camera.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class _Resection:
     def derivatives(self) -> tuple[Array, Array, Array, Array]:
         """Return residuals (N, 2, 1), their derivatives by focal length and by calibration (N, 2, Q), and the points.
 
-        What a step of the pose explains of them is subtracted.
+        The part that a step of the pose explains is subtracted.
         """
         inliers = self.matched[self.is_inlier]
         linearized = inliers.linearize(self.cam_from_world)

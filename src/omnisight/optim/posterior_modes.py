@@ -30,9 +30,9 @@ STEP, ROUNDING = 1e-6, 1e-12
 def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement, float]:
     """Return the most probable model near a local optimum of the cost, and its probability against a rival.
 
-    Few observations leave several local optima, whose probabilities are proportional to their likelihoods. Optima from
-    which the residuals change linearly to the most probable one are of the same solution with other outliers: the
-    covariance of the model is that of all these. The others are rivals.
+    Few observations leave several local optima, whose probabilities are proportional to their likelihoods. If the
+    residuals change linearly between an optimum and the most probable one, both are one solution with other outliers:
+    the covariance of the model then contains the step between them. The other optima are rivals.
 
     Parameters
     ----------
@@ -54,6 +54,7 @@ def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement,
     for k in np.flatnonzero(_squared_distances(best, steps) > MIN_SQUARED_DISTANCE).tolist():
         if _nonlinearity(problem, best, steps[k], fits[k].model) > MAX_NONLINEARITY:
             rivals.append(k)
+        # Several searches end in the same optimum, which counts once.
         elif _squared_distances(best, steps[k] - steps[neighbours]).min() > MIN_SQUARED_DISTANCE:
             neighbours.append(k)
     weights = np.exp([fits[k].evidence - best.evidence for k in neighbours])

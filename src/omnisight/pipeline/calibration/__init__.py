@@ -1,1 +1,1 @@
-"""Calibration of one camera, and what precedes and follows it."""
+"""Capture of images, calibration and evaluation of one camera, and the design of cameras."""

@@ -1,1 +1,1 @@
-"""Conversion, examination and comparison of calibrations."""
+"""Conversion, inspection and comparison of calibrations."""

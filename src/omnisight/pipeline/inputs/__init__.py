@@ -1,1 +1,1 @@
-"""Images, cameras and folders that the functions read."""
+"""Images, cameras and work folders that several capabilities read."""

@@ -1,1 +1,1 @@
-"""Visual odometry, and the examination of its sequences."""
+"""Visual odometry, and the check of recordings for it."""

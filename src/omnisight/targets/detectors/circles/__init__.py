@@ -60,7 +60,7 @@ def detect(gray: NDArray[np.uint8], board: CircleGrid) -> list[Detection]:
 
 
 def measure(gray: NDArray[Any], board: CircleGrid, pixels: Array, steps: Array, bends: Array) -> PointFits:
-    """Measure the centres of the discs' images near predicted pixels; those of discs that the image cuts are NaN."""
+    """Measure the centres of the discs' images near predicted pixels; NaN for discs that the image border cuts."""
     radius = (board.diameter or board.spacing) / 2
     matrices = np.swapaxes(steps, 1, 2) * (radius / board.window_step)
     fits = fit_ellipses(gray, pixels, matrices, CLEARANCE_SHARE * board.pitch / radius)

@@ -20,8 +20,8 @@ MIN_PERIMETER = 0.015
 # in so many samples each way, a sixteenth of the image in all; past the limit, smaller squares are ignored.
 SAMPLES_PER_SIDE = 4
 MAX_SAMPLED_SQUARES = 40
-# Probability that a square with random cells is decoded as one of the markers, up to which wrong cells are corrected.
-# An image has some hundred squares, and the few that are decoded by chance contradict their neighbours.
+# Wrong cells are corrected up to this probability that a square with random cells is decoded as one of the markers. An
+# image has some hundred squares, and the few that are decoded by chance contradict their neighbours.
 MAX_FALSE_DECODING = 0.01
 # Enlarged images are sharpened: scale of the details, px of the original image, and their additional weight. Cells of
 # 2.5 px are blurred into each other. On AprilGrids in a fisheye of 512 px this decodes 2.5 times as many markers, and
@@ -42,7 +42,7 @@ class Markers(NamedTuple):
 class _Codes(NamedTuple):
     """The codes that are decoded: some markers of a dictionary, and their mirror images.
 
-    A camera that looks into a mirror sees those; one search for both costs hardly more than one for either.
+    A camera that looks into a mirror sees the mirror images. Searching both at once takes hardly more time than one.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ def decode_markers(
     """
     decoded, is_mirrored = _decode(gray, _Codes(dictionary, numbers, border, mirrored_first=False), is_complete)
     if is_mirrored:
-        # OpenCV takes the first code that is similar enough: in a mirror image, that of another marker at times.
+        # OpenCV returns the first code that is similar enough, which may be that of another marker in a mirror image.
         decoded, _ = _decode(gray, _Codes(dictionary, numbers, border, mirrored_first=True), is_complete)
     return decoded
 
@@ -107,8 +107,9 @@ def _decode(gray: NDArray[np.uint8], codes: _Codes, is_complete: Callable[[Marke
     # Cells are narrow and distorted: only their centres are read, on a fine grid.
     parameters.perspectiveRemovePixelPerCell = 8
     parameters.perspectiveRemoveIgnoredMarginPerCell = 0.3
-    parameters.errorCorrectionRate = _correction_rate(codes.dictionary)
-    detector, count = cv2.aruco.ArucoDetector(codes.dictionary, parameters), len(codes.numbers)
+    known = codes.dictionary
+    parameters.errorCorrectionRate = _correction_rate(known)
+    detector, count = cv2.aruco.ArucoDetector(known, parameters), len(codes.numbers)
     decoded, mirrored_count = Markers(np.zeros(0, np.int64), np.zeros((0, 4, 2))), 0
     for image, scale in _scaled_images(gray):
         parameters.minMarkerPerimeterRate = _min_perimeter(image, count)
@@ -198,17 +199,17 @@ def _min_perimeter(gray: NDArray[Any], count: int) -> float:
 
 
 def _correction_rate(dictionary: Any) -> float:
-    """Return the number of cells to correct over that which the dictionary can; see `MAX_FALSE_DECODING`."""
-    cells, most = dictionary.markerSize**2, dictionary.maxCorrectionBits
+    """Return the share of the dictionary's correctable cells that are corrected; see `MAX_FALSE_DECODING`."""
+    cells, correctable = dictionary.markerSize**2, dictionary.maxCorrectionBits
     # Every marker is compared in four orientations.
     codes, corrected, patterns = 4 * len(dictionary.bytesList), 0, 1
-    while corrected < most:
+    while corrected < correctable:
         patterns += math.comb(cells, corrected + 1)
         if codes * patterns > MAX_FALSE_DECODING * 2**cells:
             break
         corrected += 1
-    # OpenCV rounds the product with `most` down.
-    return (corrected + 0.5) / max(most, 1)
+    # OpenCV rounds the product with `correctable` down.
+    return (corrected + 0.5) / max(correctable, 1)
 
 
 def _scaled_images(gray: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
