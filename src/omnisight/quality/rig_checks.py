@@ -211,9 +211,9 @@ def _board_motion(evidence: RigEvidence) -> Check:
         "board motion",
         Level.USABLE,
         f"The board moved by about {rounded(scale * motion.translation)} {unit} and"
-        f" {rounded(np.degrees(motion.rotation))}° between the exposures of the cameras, or their models are not exact,"
-        " which limits the accuracy of the extrinsics (the stated uncertainty includes it): put the board on a stand,"
-        f" synchronize the cameras,{times} or specify another --model.",
+        f" {rounded(np.degrees(motion.rotation))}° between the exposures of the cameras, or their models are not exact."
+        " This limits the accuracy of the extrinsics, and their stated uncertainty includes it: put the board on a"
+        f" stand, synchronize the cameras,{times} or select another --model.",
     )
 
 
