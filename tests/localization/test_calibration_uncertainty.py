@@ -1,6 +1,7 @@
 """Poses by cameras whose calibration is uncertain or wrong."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import omnisight as om
 from localization.known_points import localized, photographed, seen_from
 from omnisight.geometry import rotation as so3
 from omnisight.localization.focal_length_check import check_focal_length
+from omnisight.localization.matched_points import MatchedPoints
 from omnisight.models.kannala_brandt import KannalaBrandt
 
 CAMERA = om.Camera(KannalaBrandt(fx=300.0, fy=300.0, cx=400.0, cy=390.0, k1=0.02, k2=0.0, k3=0.0, k4=0.0), (800, 800))
@@ -69,6 +71,24 @@ def test_a_wrong_focal_length_is_reported_and_its_effect_is_part_of_the_uncertai
     assert change.sigma < 1e-3
     assert before > 10
     assert after < 1.5
+
+
+class Unresectable(MatchedPoints):
+    """Matches whose pose cannot be estimated again."""
+
+    def resect(self):
+        return SimpleNamespace(cam_from_world=None)
+
+
+def test_the_effect_of_a_wrong_focal_length_is_part_of_the_uncertainty_without_a_second_pose(world):
+    images, poses = images_of(world, CAMERA, scaled(CAMERA, 1.02), np.random.default_rng(1), 5)
+    matched = images[0].matched_points
+    values = {field.name: getattr(matched, field.name) for field in fields(matched)}
+    images[0] = replace(images[0], matched_points=Unresectable(**values))
+    checked, change = check_focal_length(images)
+    assert change is not None
+    assert normalized_square(images[0], poses[0]) > 10
+    assert normalized_square(checked[0], poses[0]) < 3
 
 
 @pytest.mark.parametrize("covariance", [None, covariance_of(1e-3)], ids=["exact", "uncertain"])

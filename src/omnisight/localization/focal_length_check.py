@@ -55,6 +55,11 @@ class _Resection:
             return None
         return replace(self, matched=matched, cam_from_world=found.cam_from_world, is_inlier=found.inliers)
 
+    def step_by(self, relative: float) -> Array:
+        """Return the step (6,) of the pose that a change of the focal length by a ratio causes, to first order."""
+        linearized = self.matched[self.is_inlier].linearize(self.cam_from_world)
+        return linearized.response(linearized.by_params @ (relative * self.basis))[:, 0]
+
     def derivatives(self) -> tuple[Array, Array, Array, Array]:
         """Return residuals (N, 2, 1), their derivatives by focal length and by calibration (N, 2, Q), and the points.
 
@@ -87,9 +92,14 @@ def check_focal_length(images: Sequence[LocalizedImage]) -> tuple[list[Localized
     """
     known = {k: resection for k, image in enumerate(images) if (resection := _Resection.of(image)) is not None}
     change, moved = _significant_change(known)
-    steps = {k: known[k].cam_from_world.step_to(resection.cam_from_world) for k, resection in moved.items()}
+    if change is None:
+        return list(images), None
+    steps = {
+        k: each.cam_from_world.step_to(moved[k].cam_from_world) if k in moved else each.step_by(change.relative)
+        for k, each in known.items()
+    }
     squares = [step @ np.linalg.solve(images[k].covariance, step) for k, step in steps.items()]
-    if change is None or np.mean(squares) < 1:
+    if np.mean(squares) < 1:
         return list(images), None
     found = list(images)
     for k, step in steps.items():
