@@ -59,6 +59,16 @@ def test_sub_folders_and_clips_of_a_recording_are_cameras(items, names, tmp_path
     assert sorted(named_sources(items)) == sorted(names)
 
 
+def test_a_single_source_that_is_missing_or_of_one_camera_is_refused(tmp_path):
+    (tmp_path / "run=1").mkdir()
+    (tmp_path / "run=1" / "a.png").touch()
+    with pytest.raises(FileNotFoundError, match="mav1: no such file or folder"):
+        named_sources([str(tmp_path / "mav1")])
+    for item in (str(tmp_path / "run=1"), "left=images"):
+        with pytest.raises(ValueError, match=r"1 camera, and a rig has at least two: .*, or a folder with a sub-f"):
+            named_sources([item])
+
+
 def test_two_cameras_of_one_name_are_refused(tmp_path):
     (tmp_path / "cam").mkdir()
     with pytest.raises(ValueError, match=r"two cameras are named cam: specify names, such as cam2="):

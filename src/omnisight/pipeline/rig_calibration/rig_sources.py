@@ -35,6 +35,8 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
     ------
     ValueError
         If there are fewer than two cameras, two have the same name, or one is a single image.
+    MissingFileError
+        If the only source does not exist.
     """
     if isinstance(sources, Mapping):
         named = dict(sources)
@@ -49,20 +51,30 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
     if len(named) < 2:
         raise ValueError(
             f"{len(named)} camera{'s' * (len(named) != 1)}, and a rig has at least two: specify a folder, a clip or a"
-            " pattern for each, such as left/ right/ or 'left*.jpg' 'right*.jpg' (omnisight calibrate is for one)"
+            " pattern for each, such as left/ right/ or 'left*.jpg' 'right*.jpg', or a folder with a sub-folder or a"
+            " clip for each (omnisight calibrate is for one)"
         )
     return named
 
 
 def _cameras_in(item: str) -> list[str]:
-    """Return the sub-folders with images of a folder, or its clips; the item itself if there are fewer than two."""
+    """Return the sub-folders with images of a folder, or its clips; the item itself if there are fewer than two.
+
+    Raises
+    ------
+    MissingFileError
+        If the item does not exist.
+    """
     folder = Path(item).expanduser()
+    if "=" in item and not folder.exists():
+        return [item]
+    files = expand_path(item)
     cameras = folders_with_images(folder)
     # Folders next to `images`, as omnisight simulate writes them, have the truth of each image.
     with_truth = {found.parent for found in cameras if found.name == IMAGES}
     cameras = [found for found in cameras if found.name == IMAGES or found.parent not in with_truth]
     if not cameras and folder.is_dir():
-        cameras = sorted(filter(has_clip_suffix, expand_path(folder)), key=natural_sort_key)
+        cameras = sorted(filter(has_clip_suffix, files), key=natural_sort_key)
     return [str(camera) for camera in cameras] if len(cameras) > 1 else [item]
 
 
