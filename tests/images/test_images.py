@@ -203,7 +203,7 @@ def test_a_folder_of_too_many_sub_folders_is_refused(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="no images in"):
         collect_images(tmp_path)
     (tmp_path / "3").mkdir()
-    with pytest.raises(ValueError, match="no images, and more than 3 sub-folders: specify that of the images"):
+    with pytest.raises(ValueError, match="no images, and more than 3 sub-folders: specify the folder of the images"):
         collect_images(tmp_path)
     (tmp_path / "a.png").touch()
     assert collect_images(tmp_path) == [tmp_path / "a.png"]

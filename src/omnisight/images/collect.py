@@ -108,7 +108,7 @@ def folders_with_images(folder: Path) -> list[Path]:
         visited.add(identifier)
         if len(visited) > MAX_FOLDERS + 1:
             raise ValueError(
-                f"{folder}: no images, and more than {MAX_FOLDERS} sub-folders: specify that of the images"
+                f"{folder}: no images, and more than {MAX_FOLDERS} sub-folders: specify the folder of the images"
             )
         if not any(_is_image(path / name) for name in names):
             nested = [path / name for name in names if not name.startswith(IGNORED_FOLDERS)]
