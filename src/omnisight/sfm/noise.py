@@ -39,8 +39,8 @@ def noise_of_pairs(edges: Sequence[Edge], images: RigImages) -> float:
         from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
         a, b = (images.offsets[image] + edge.pairs[:, side] for side, image in enumerate(edge.images))
-        covariances = (_covariances(images.axes[each]) for each in (a, b))
-        pairs = BearingPairs.of(images.bearings[a], images.bearings[b], *covariances, None)
+        covariance_a, covariance_b = (_covariances(images.axes[each]) for each in (a, b))
+        pairs = BearingPairs.of(images.bearings[a], images.bearings[b], covariance_a, covariance_b, None)
         squares = squared_residuals(RelativePoseProblem.of(pairs), edge.b_from_a.matrix)
         return float(np.sqrt(np.median(squares))) / GAUSSIAN_MEDIAN
 
