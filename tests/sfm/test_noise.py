@@ -3,8 +3,6 @@
 from dataclasses import replace
 from itertools import combinations
 
-import numpy as np
-
 from omnisight.sfm.noise import noise_of_pairs
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import match_pairs
