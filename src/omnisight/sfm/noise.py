@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.optim.loss import StudentT
+from omnisight.optim.loss import NORMAL_MEDIAN, StudentT
 from omnisight.parallel import parallel_map
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.rig_images import RigImages
@@ -15,9 +15,6 @@ from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]
-
-# Median of the absolute value of a Gaussian variable over its standard deviation.
-GAUSSIAN_MEDIAN = 0.6745
 
 
 def noise_of_map(bundle: Bundle, structure: Structure) -> StudentT:
@@ -42,7 +39,7 @@ def noise_of_pairs(edges: Sequence[Edge], images: RigImages) -> float:
         covariance_a, covariance_b = (_covariances(images.axes[each]) for each in (a, b))
         pairs = BearingPairs.of(images.bearings[a], images.bearings[b], covariance_a, covariance_b, None)
         squares = squared_residuals(RelativePoseProblem.of(pairs), edge.b_from_a.matrix)
-        return float(np.sqrt(np.median(squares))) / GAUSSIAN_MEDIAN
+        return float(np.sqrt(np.median(squares))) / NORMAL_MEDIAN
 
     moving = [edge for edge in edges if edge.has_translation]
     return float(np.median(parallel_map(of_edge, moving))) if moving else 0.0
