@@ -85,7 +85,7 @@ def test_centres_of_discs_match_the_truth(board, lens, angle, distance):
 )
 def test_markers_with_cells_of_two_blurred_pixels_are_decoded(board, distance, cell):
     image, truth = render(board, "fisheye", pose(board, 30, distance=distance))
-    cells = 10 if board is APRIL else 9.3  # along a tag; along a square, of which 0.75 are a marker of 7
+    cells = 10 if board is APRIL else 9.3  # along a tag; along a square, whose marker has 7 cells on 0.75 of the side
     assert np.median(np.linalg.norm(truth[1::2] - truth[::2], axis=1)) / cells == pytest.approx(cell, abs=0.1)
     (found,) = detect(cv2.GaussianBlur(image, (0, 0), 0.6), board)
     assert len(found) == board.size

@@ -1,4 +1,4 @@
-"""Compiled test of which points of an image another image sees."""
+"""Compiled visibility of the points of an image in another image."""
 
 # Compiled code takes its types from its arguments.
 # pyright: basic
