@@ -1,6 +1,7 @@
 """Calibration of simulated corners by the functions that a user calls."""
 
 import omnisight as om
+from omnisight.progress import no_progress
 
 SIZE = (960, 960)
 
@@ -11,6 +12,6 @@ def observe(views, size=SIZE, names=None, **options):
     return om.Observations.from_arrays(board_points, pixels, *covariance, size=size, names=names, **options)
 
 
-def calibrate(observations, *, progress=None, **options):
+def calibrate(observations, *, progress=no_progress, **options):
     """Calibrate with the given `CalibrateOptions`."""
     return om.calibrate(observations, om.CalibrateOptions(**options), progress=progress)

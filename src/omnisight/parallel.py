@@ -12,6 +12,8 @@ from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from omnisight.progress import StageProgress, no_progress
+
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
@@ -63,20 +65,19 @@ def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> Non
 
 
 def parallel_map(
-    work: Callable[[Item], Result], items: Sequence[Item], progress: Callable[[int, int], None] | None = None
+    work: Callable[[Item], Result], items: Sequence[Item], progress: StageProgress = no_progress
 ) -> list[Result]:
     """Return work(item) of all items in order; `progress` is called with the number of finished items and of all."""
-    report = progress or (lambda done, total: None)
     results: list[Result] = []
     if _free_threads() < 2 or len(items) < 2:
         for item in items:
             results.append(work(item))
-            report(len(results), len(items))
+            progress(len(results), len(items))
         return results
     with serial_blas():
         for result in _pool(os.getpid()).map(work, items):
             results.append(result)
-            report(len(results), len(items))
+            progress(len(results), len(items))
     return results
 
 

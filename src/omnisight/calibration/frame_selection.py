@@ -1,7 +1,7 @@
 """Selection of the most informative frames of a video clip for calibration, written as image files."""
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 from omnisight.cache import cache_folder
 from omnisight.calibration.frame_information import MAX_SELECTED, select_informative_views
 from omnisight.images import MAX_FRAMES, Clip, write_image
+from omnisight.progress import StageProgress, no_progress
 from omnisight.targets import Board
 from omnisight.targets.cache import cache_key, load_entry, save_entry
 from omnisight.targets.clip_detection import ClipDetections, detect_in_clip
@@ -54,7 +55,7 @@ def select_frames(
     *,
     apply_exif: bool = False,
     cache: bool = True,
-    progress: Callable[[int, int], None] | None = None,
+    progress: StageProgress = no_progress,
 ) -> SelectedFrames:
     """Select the most informative frames of a clip: sharp, without motion, and each with new information.
 

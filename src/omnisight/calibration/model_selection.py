@@ -1,6 +1,6 @@
 """Model selection: candidate models are fitted, cross-validated and compared on held-out views."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,11 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel
 from omnisight.optim.loss import robust_sigma
 from omnisight.optim.tolerances import COMPARISON_TOLERANCE
+from omnisight.progress import Progress
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
 
 # Views with different poses that determine a camera: a plane gives two constraints per view on five parameters.
 MIN_VIEWS = 3
@@ -62,7 +62,7 @@ class Selection(Displayed):
 
 
 def fit_candidates(
-    models: Sequence[str], initial: State, observations: Observations, options: EstimationOptions, report: Progress
+    models: Sequence[str], initial: State, observations: Observations, options: EstimationOptions, progress: Progress
 ) -> list[Candidate]:
     """Fit every model, in all its variants, from the initial camera.
 
@@ -78,7 +78,7 @@ def fit_candidates(
     _check_parameter_names([*options.fix, *options.free], [start.model for _, start in starts])
     candidates: list[Candidate] = []
     for i, (name, start) in enumerate(starts):
-        report("fit models", i, len(starts))
+        progress("fit models", i, len(starts))
         if options.square_pixels and isinstance(start.model, CameraModel):
             start = replace(start, model=with_square_pixels(start.model, options.fix))
         free_parameters = FreeParameters.of(
@@ -87,7 +87,7 @@ def fit_candidates(
         candidates.append(
             Candidate.fit(name, start, observations, free_parameters, loss=options.loss, tolerance=COMPARISON_TOLERANCE)
         )
-    report("fit models", len(starts), len(starts))
+    progress("fit models", len(starts), len(starts))
     return candidates
 
 
@@ -102,7 +102,7 @@ def cross_validate(
     observations: Observations,
     inliers: Bools,
     options: EstimationOptions,
-    report: Progress,
+    progress: Progress,
 ) -> list[Candidate]:
     """Cross-validate every competitive candidate, with board warp if that lowers the held-out error."""
     if len(observations) < MIN_VIEWS:
@@ -129,10 +129,10 @@ def cross_validate(
             for i in competitive:
                 validated[i] = with_board_bends(validated[i], observations, sigma, loss=options.loss)
     for done, i in enumerate(competitive):
-        report("cross-validate", done, len(competitive))
+        progress("cross-validate", done, len(competitive))
         if validated[i].held_out_rms is None:
             validated[i] = validated[i].cross_validated(observations, inliers, loss=options.loss)
-    report("cross-validate", len(competitive), len(competitive))
+    progress("cross-validate", len(competitive), len(competitive))
     return validated
 
 

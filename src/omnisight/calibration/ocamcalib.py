@@ -1,6 +1,5 @@
 """Scaramuzza's original calibration method, step by step as published; for comparison."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -13,10 +12,10 @@ from omnisight.display import Displayed
 from omnisight.models.ocam import Ocam
 from omnisight.optim.gauss_newton import gauss_newton
 from omnisight.optim.tolerances import FINAL_TOLERANCE
+from omnisight.progress import Progress, no_progress
 from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 # Corners per image: the linear step has six unknowns up to scale, one equation per corner, and one corner more.
 MIN_CORNERS = 6
@@ -78,7 +77,7 @@ def calibrate_ocamcalib(
     *,
     degree: int = 4,
     centre: tuple[float, float] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> OcamCalibResult:
     """Calibrate as OCamCalib does: two linear steps, a search for the centre, and an alternating refinement.
 
@@ -119,15 +118,14 @@ def calibrate_ocamcalib(
                 f"{name}: {rows.stop - rows.start} corners, but the linear steps need {MIN_CORNERS}: leave it out"
                 f" (--drop {name})"
             )
-    report = progress or (lambda stage, done, total: None)
     middle = (np.array(size, float) - 1) / 2
     initial = linear_steps(observations, middle if centre is None else np.array(centre, float), degree)
-    centred = search_centre(initial, observations, size, degree, report) if centre is None else initial
+    centred = search_centre(initial, observations, size, degree, progress) if centre is None else initial
     if centred is None:
         raise ValueError(
             "the linear steps fail for every centre: check that these are corners of one flat board, in order"
         )
-    refined = refine_alternating(centred, observations, report)
+    refined = refine_alternating(centred, observations, progress)
     failed = ReprojectionError(np.inf, np.inf)
     return OcamCalibResult(
         refined,
@@ -241,7 +239,7 @@ def polynomial_and_depths(
 
 
 def search_centre(
-    initial: State | None, observations: Observations, size: tuple[int, int], degree: int, report: Progress
+    initial: State | None, observations: Observations, size: tuple[int, int], degree: int, progress: Progress
 ) -> State | None:
     """Return the result of the linear steps for the centre with the least squared residuals (IROS 2006).
 
@@ -251,14 +249,14 @@ def search_centre(
     best, least = initial, _cost(initial, observations)
     centre, reach = (np.array(size, float) - 1) / 2, np.array(size, float) / 4
     for done in range(GRID_ROUNDS):
-        report("search centre", done, GRID_ROUNDS)
+        progress("search centre", done, GRID_ROUNDS)
         steps = np.linspace(-1, 1, GRID_SIZE)
         for candidate in centre + reach * np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2):
             state = linear_steps(observations, candidate, degree)
             if (cost := _cost(state, observations)) < least:
                 best, least, centre = state, cost, candidate
         reach = reach * 2 / (GRID_SIZE - 1)
-    report("search centre", GRID_ROUNDS, GRID_ROUNDS)
+    progress("search centre", GRID_ROUNDS, GRID_ROUNDS)
     return best
 
 
@@ -266,20 +264,20 @@ def _cost(state: State | None, observations: Observations) -> float:
     return np.inf if state is None else float((state.lengths(observations) ** 2).sum())
 
 
-def refine_alternating(state: State, observations: Observations, report: Progress) -> State:
+def refine_alternating(state: State, observations: Observations, progress: Progress) -> State:
     """Minimize the squared residuals alternately over all poses and over the camera, as OCamCalib does (IROS 2006).
 
     Alternation converges slowly if camera and poses are correlated, and stops slightly above the joint minimum.
     """
     rms = ReprojectionError.of(state, observations).rms
     for round_ in range(MAX_ALTERNATIONS):
-        report("refine", round_, MAX_ALTERNATIONS)
+        progress("refine", round_, MAX_ALTERNATIONS)
         posed = refine(state, observations, free_parameters=FreeParameters.none(state.model), loss="squared").state
         state = replace(posed, model=fit_camera(posed, observations))
         before, rms = rms, ReprojectionError.of(state, observations).rms
         if before - rms <= RMS_TOLERANCE * before:
             break
-    report("refine", MAX_ALTERNATIONS, MAX_ALTERNATIONS)
+    progress("refine", MAX_ALTERNATIONS, MAX_ALTERNATIONS)
     return state
 
 

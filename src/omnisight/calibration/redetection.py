@@ -1,7 +1,7 @@
 """Re-detection: measure corners again where a first camera predicts them, and search for missed ones there."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,6 +18,7 @@ from omnisight.geometry.sphere import angle_from_axis
 from omnisight.images import UnreadableImage, read_image, to_gray8
 from omnisight.images.interlacing import deinterlace
 from omnisight.models import CameraModel
+from omnisight.progress import Progress, no_progress
 from omnisight.targets import Board, Checkerboard, Detection, Detections, ImageDetection
 from omnisight.targets.detection_limits import MIN_EXPLAINED, MIN_RELATIVE_CONTRAST
 from omnisight.targets.detectors import measure
@@ -113,7 +114,7 @@ def redetect(
     initial: State,
     *,
     apply_exif: bool = False,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> tuple[Observations, RedetectionStats]:
     """Measure every corner again where a first camera predicts it, and search for missed ones.
 
@@ -134,7 +135,7 @@ def redetect(
     detections = observations.detections
     if detections is None or not isinstance(detections.board, Board):
         return observations, RedetectionStats()
-    report = partial(progress, "re-detect") if progress else lambda done, total: None
+    report = partial(progress, "re-detect")
     search = _ImageSearch(detections, initial, ResidualWeights.estimate(initial, observations).threshold, apply_exif)
     images, total = list[ImageDetection](), RedetectionStats()
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:

@@ -4,40 +4,35 @@ import sys
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Protocol
 
 from omnisight.cli._output import is_quiet, is_verbose
 from omnisight.compilation import watch_compilation
 from omnisight.display import rounded
+from omnisight.progress import Progress, no_progress
 
 # Time over which the speed is averaged, seconds: batches report each shard of images, and a shard can take a minute.
 SPEED_PERIOD_S = 600.0
 
 
-class Report(Protocol):
-    """Called with the stage, the work done and the total."""
-
-    def __call__(self, stage: str, done: int, total: int) -> None: ...
-
-
 @contextmanager
-def progress() -> Generator[Report]:
+def progress() -> Generator[Progress]:
     """Show the stages: their times if verbose, otherwise progress bars if stderr is a terminal; nothing if quiet."""
     if is_verbose():
         with _stage_times() as report:
             yield report
     elif is_quiet() or not sys.stderr.isatty():
-        yield lambda stage, done, total: None
+        yield no_progress
     else:
         with _bars() as report:
             yield report
 
 
 @contextmanager
-def _bars() -> Generator[Report]:
+def _bars() -> Generator[Progress]:
     """Show a progress bar per stage, with its steps per second and the time left, and one while code is compiled."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn
+    from rich.progress import Progress as ProgressBars
     from rich.progress import TimeRemainingColumn as TimeLeft
     from rich.text import Text
 
@@ -47,7 +42,7 @@ def _bars() -> Generator[Report]:
 
     columns = (TextColumn("{task.description:<24}"), BarColumn(), MofNCompleteColumn(), Speed(), TimeLeft())
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S) as bars:
+    with ProgressBars(*columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S) as bars:
         tasks = {}
         compiling, of_code = 0, bars.add_task("compile code (first run)", total=None, visible=False)
 
@@ -67,7 +62,7 @@ def _bars() -> Generator[Report]:
 
 
 @contextmanager
-def _stage_times() -> Generator[Report]:
+def _stage_times() -> Generator[Progress]:
     """Print each stage when the next one begins: its time, and how much was done."""
     stages: list[tuple[str, float, int]] = []
 

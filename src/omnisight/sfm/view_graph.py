@@ -10,6 +10,7 @@ from omnisight.features import Keypoints, match_features
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
 from omnisight.parallel import parallel_map
+from omnisight.progress import StageProgress
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.relative_pose import RelativePose, estimate_relative_pose, known_relative_pose
 
@@ -86,7 +87,7 @@ class ViewGraph:
 def match_pairs(
     keypoints: Sequence[Keypoints],
     pairs: Sequence[tuple[int, int]],
-    progress: Callable[[int, int], None],
+    progress: StageProgress,
     known: Callable[[int, int], Pose | None] = lambda a, b: None,
 ) -> ViewGraph:
     """Match pairs of images and estimate those of their relative poses that are not known.
@@ -138,7 +139,7 @@ def _relative_pose(a: Keypoints, b: Keypoints, matches: Indices, known: Pose | N
 
 
 def overlapping_pairs(
-    keypoints: Sequence[Keypoints], pairs: Sequence[tuple[int, int]], progress: Callable[[int, int], None]
+    keypoints: Sequence[Keypoints], pairs: Sequence[tuple[int, int]], progress: StageProgress
 ) -> list[tuple[int, int]]:
     """Return the pairs whose strongest keypoints match."""
     strongest = [each[:PREEMPTIVE_KEYPOINTS] for each in keypoints]

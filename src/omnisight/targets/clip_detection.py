@@ -2,7 +2,7 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import Clip, Frame, to_gray8
 from omnisight.images.live_camera import CameraFrame
+from omnisight.progress import StageProgress, no_progress
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard
 from omnisight.targets.detection_limits import MAX_SEARCH_PIXELS
@@ -104,9 +105,7 @@ class _Searched:
     motion: float
 
 
-def detect_in_clip(
-    clip: Clip, board: Board | None = None, *, progress: Callable[[int, int], None] | None = None
-) -> ClipDetections:
+def detect_in_clip(clip: Clip, board: Board | None = None, *, progress: StageProgress = no_progress) -> ClipDetections:
     """Detect a board in a video.
 
     Parameters
@@ -132,8 +131,7 @@ def detect_in_clip(
         for frame in clip.frames():
             count += 1
             yield frame
-            if progress is not None:
-                progress(count, max(declared, count))
+            progress(count, max(declared, count))
 
     # A video may have more frames than it declares.
     candidates = islice(best_of_intervals(counted(), interval), MAX_FRAMES_SEARCHED)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import UnreadableImage
+from omnisight.progress import StageProgress, no_progress
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard, squares_text
 from omnisight.targets.detections import Detection, Detections, ImageDetection, boards_note
@@ -19,7 +20,7 @@ from omnisight.targets.detectors.checkerboard.board_assignment import (
 )
 from omnisight.targets.detectors.checkerboard.corner_grid import CornerGrid
 from omnisight.targets.drawn_corners import leave_out_drawn_corners
-from omnisight.targets.image_files import BoardImages, ImageFiles, Progress
+from omnisight.targets.image_files import BoardImages, ImageFiles
 from omnisight.targets.image_sizes import most_common_size, size_mismatch_note, sizes_note
 from omnisight.targets.raw_detections import RawDetections
 from omnisight.targets.set_checks import mirrored_markers_note, with_duplicate_remarks, with_field_remark
@@ -37,7 +38,7 @@ def detect_boards(
     square: float | None = None,
     apply_exif: bool = False,
     cache: bool = True,
-    progress: Progress | None = None,
+    progress: StageProgress = no_progress,
 ) -> Detections:
     """Detect a board in image files.
 

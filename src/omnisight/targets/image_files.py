@@ -1,7 +1,7 @@
 """Files in which boards are detected, one by one."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +10,10 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from omnisight.images import UnreadableImage, read_bytes, read_image
+from omnisight.progress import StageProgress, no_progress
 from omnisight.targets.boards import Board
 from omnisight.targets.raw_detections import RawDetections, detect_in_file
 from omnisight.targets.set_field import sample_indices
-
-Progress = Callable[[int, int], None]
 
 
 class BoardImages(Protocol):
@@ -55,7 +54,7 @@ class ImageFiles:
     paths: Sequence[Path]
     apply_exif: bool
     cache: bool
-    progress: Progress | None = None
+    progress: StageProgress = no_progress
 
     def detect(self, board: Board | None) -> list[RawDetections | UnreadableImage]:
         """Detect in all files, in threads."""
@@ -75,8 +74,7 @@ class ImageFiles:
         with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
             for result in pool.map(detect_in, range(len(self.paths))):
                 results.append(result)
-                if self.progress is not None:
-                    self.progress(len(results), len(self.paths))
+                self.progress(len(results), len(self.paths))
         return results
 
     def read(self, path: Path) -> NDArray[Any]:

@@ -1,6 +1,6 @@
 """Estimation of a camera from line observations: consensus, refinement, uncertainty, model error."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from omnisight.choices import Options
 from omnisight.display import Displayed
 from omnisight.extensions import did_you_mean
 from omnisight.models import CameraModel, model_class
+from omnisight.progress import StageProgress
 
 # Alternations of line selection and refinement: selection is stable after five; without selection, two converge.
 SELECTION_ROUNDS, FIXED_SELECTION_ROUNDS = 5, 2
@@ -30,8 +31,6 @@ SELECTION_ROUNDS, FIXED_SELECTION_ROUNDS = 5, 2
 REFINED_PIXELS = 150
 # A camera with a larger standard deviation of its bearings is not determined by the lines.
 MAX_BEARING_SIGMA_RAD = np.radians(30.0)
-
-Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class LineEstimate(Displayed):
 
 
 def estimate_unified_camera(
-    observations: LineObservations, options: LineEstimationOptions, report: Report
+    observations: LineObservations, options: LineEstimationOptions, progress: StageProgress
 ) -> LineEstimate:
     """Find the consensus of the unified model and refine it; the known parameters are those of `options`.
 
@@ -141,7 +140,7 @@ def estimate_unified_camera(
         seed=options.seed,
     )
     free_parameters = FreeParameters.of(consensus.state.model, square=options.square, fixed=tuple(fixed))
-    estimate = _refine(consensus, observations, free_parameters, options.loss, report)
+    estimate = _refine(consensus, observations, free_parameters, options.loss, progress)
     if options.model == "unified" and not estimate.is_determined:
         raise ValueError(
             "the lines do not determine the camera: the standard deviation of its bearings is"
@@ -152,7 +151,7 @@ def estimate_unified_camera(
 
 
 def estimate_camera(
-    unified: LineEstimate, observations: LineObservations, options: LineEstimationOptions, report: Report
+    unified: LineEstimate, observations: LineObservations, options: LineEstimationOptions, progress: StageProgress
 ) -> LineEstimate:
     """Refine another camera model, initialised from a unified camera.
 
@@ -169,7 +168,7 @@ def estimate_camera(
     for is_scale_fixed in (True,) if has_free_radial_profile(state.model) else (False, True):
         pixels = unified.samples.pixels
         free_parameters = fix_focal_scale(all_free, state.model, pixels) if is_scale_fixed else all_free
-        estimate = _refine(replace(initial, state=state), observations, free_parameters, options.loss, report)
+        estimate = _refine(replace(initial, state=state), observations, free_parameters, options.loss, progress)
         if estimate.is_determined and is_scale_fixed:
             error = float(np.hypot(unified.bearing_sigma, unified.model_error))
             return replace(estimate, model_error=error, is_scale_fixed=True)
@@ -186,13 +185,13 @@ def _refine(
     observations: LineObservations,
     free_parameters: FreeParameters,
     loss: str,
-    report: Report,
+    progress: StageProgress,
 ) -> LineEstimate:
     """Alternate refinement and line selection, estimate the uncertainty, and apply the border centre."""
     arcs, all_inliers = observations.arcs, observations.all_inliers
     rounds = FIXED_SELECTION_ROUNDS if all_inliers else SELECTION_ROUNDS
     for k in range(rounds):
-        report(k, rounds)
+        progress(k, rounds)
         if k:
             consensus = select_lines(consensus.state.model, arcs, all_inliers=all_inliers, join=k == rounds - 1)
         if len(consensus.lines) < MIN_LINES:
@@ -203,7 +202,7 @@ def _refine(
         samples = consensus.lines.subsample(REFINED_PIXELS)
         state = refine_plumb_lines(consensus.state, samples, free_parameters, loss=loss).state
         consensus = replace(consensus, state=state)
-    report(rounds, rounds)
+    progress(rounds, rounds)
     state, samples = consensus.state, consensus.lines.subsample(REFINED_PIXELS)
     uncertainty = LinesUncertainty.estimate(state, samples, free_parameters)
     uncertainty = widen_by_split_half_test(uncertainty, state, samples, free_parameters)

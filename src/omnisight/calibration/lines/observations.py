@@ -1,6 +1,6 @@
 """Observations of lines: detected arcs of images, or lines drawn by the user."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,9 +12,9 @@ from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.polyline_file import read_polylines
 from omnisight.display import Displayed
 from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
+from omnisight.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class LineObservations(Displayed):
 
 
 def detect_lines(
-    paths: Sequence[Path], *, mask: Path | None = None, apply_exif: bool = False, progress: Progress | None = None
+    paths: Sequence[Path], *, mask: Path | None = None, apply_exif: bool = False, progress: Progress = no_progress
 ) -> LineObservations:
     """Detect the arcs of images.
 
@@ -81,13 +81,11 @@ def detect_lines(
     arcs: list[Array] = []
     image_ids: list[int] = []
     for i, path in enumerate(paths):
-        if progress:
-            progress("detect arcs", i, len(paths))
+        progress("detect arcs", i, len(paths))
         detected = detect_arcs(to_gray8(read_image(path, apply_exif=apply_exif)), field, allowed)
         arcs += detected
         image_ids += [i] * len(detected)
-    if progress:
-        progress("detect arcs", len(paths), len(paths))
+    progress("detect arcs", len(paths), len(paths))
     centre = None if field.outer is None else np.array(field.outer.centre)
     return LineObservations(PixelChains.from_arrays(arcs, image_ids), size, centre, False, _names(paths))
 

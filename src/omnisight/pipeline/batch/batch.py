@@ -14,8 +14,7 @@ from omnisight.pipeline.batch.manifest import check_manifest
 from omnisight.pipeline.batch.records import read_records, shards_of
 from omnisight.pipeline.batch.shard import run_shard
 from omnisight.pipeline.batch.task import Item, Task
-
-Progress = Callable[[str, int, int], None]
+from omnisight.progress import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ class Batch(Displayed):
 
     output: str
     options: BatchOptions = BatchOptions()
-    progress: Progress | None = None
+    progress: Progress = no_progress
 
     def run(self, task: Task, items: Sequence[Item], source: str) -> BatchResult:
         """Process files, and write the results to the folder.
@@ -134,8 +133,7 @@ class Batch(Displayed):
         def add(count: int) -> None:
             nonlocal done
             done += count
-            if self.progress is not None:
-                self.progress(stage, done, total)
+            self.progress(stage, done, total)
 
         add(0)
         return add

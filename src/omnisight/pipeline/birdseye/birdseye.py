@@ -1,7 +1,7 @@
 """Bird's-eye views from the images of a rig: the ground around a vehicle from above."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,6 @@ from omnisight.views.surround_remapper import SurroundRemapper
 
 Image = NDArray[Any]
 Mask = NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
 ImageSources = Mapping[str, Image | str | Path] | Sequence[Image | str | Path]
 
 

@@ -22,9 +22,8 @@ from omnisight.pipeline.birdseye.birdseye import (
 )
 from omnisight.pipeline.birdseye.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.inputs.images_of_cameras import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
+from omnisight.progress import Progress, no_progress
 from omnisight.video_options import VideoOptions
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ def write_birdseye(
     *,
     video: VideoOptions = VideoOptions(),
     save_rig: Path | None = None,
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
 ) -> BirdseyeFiles:
     """Compute the bird's-eye views of images, folders or clips of a rig, and write them.
 

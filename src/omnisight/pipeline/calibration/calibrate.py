@@ -15,7 +15,6 @@ from omnisight.calibration.estimation_options import EstimationOptions
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.model_selection import (
     MIN_VIEWS,
-    Progress,
     Selection,
     cross_validate,
     find_inliers,
@@ -42,6 +41,7 @@ from omnisight.pipeline.calibration.interruption import keep_camera
 from omnisight.pipeline.calibration.provenance import tool_provenance
 from omnisight.pipeline.detection.detect import Source, load_observations
 from omnisight.pipeline.detection.detection_advice import ForceRequired, explain_too_few_detections
+from omnisight.progress import Progress, no_progress
 from omnisight.quality.repeated_views import find_repeated_views, list_pairs
 from omnisight.quality.report import assess_central, assess_noncentral
 from omnisight.quality.spline_baseline import SplineBaseline, fit_spline_baseline
@@ -57,7 +57,7 @@ MAX_PARAMETERS_OF_FEW_VIEWS = 6
 
 
 def calibrate(
-    source: Source, options: CalibrateOptions = CalibrateOptions(), *, progress: Progress | None = None
+    source: Source, options: CalibrateOptions = CalibrateOptions(), *, progress: Progress = no_progress
 ) -> Calibration:
     """Calibrate a camera from images of a board, video clips, corner files or arrays.
 
@@ -83,21 +83,21 @@ def calibrate(
         If interrupted (Ctrl-C) after the models were fitted; it has the best camera so far.
     """
     check_options(options, CalibrateOptions)
-    report, started = progress or (lambda stage, done, total: None), time.perf_counter()
+    started = time.perf_counter()
     design = read_design(options.start)
     observations = drop_images(load_observations(source, options, progress=progress), options.drop)
     check_observations(observations, options, design)
     detected = time.perf_counter()
     observations = leave_out_inconsistent_boards(observations)
     initial = estimate_initial_camera(observations)
-    observations, redetection = redetect(observations, initial, apply_exif=options.apply_exif, progress=report)
+    observations, redetection = redetect(observations, initial, apply_exif=options.apply_exif, progress=progress)
     redetected = time.perf_counter()
     initial = resect(initial.central_model, observations)
     subset = observations.at(rows := observations.thinned_rows(MAX_COMPARED_CORNERS))
-    candidates = fit_candidates(candidate_models(options, initial, observations), initial, subset, options, report)
+    candidates = fit_candidates(candidate_models(options, initial, observations), initial, subset, options, progress)
     with keep_camera(lambda: unassessed_camera(candidates, subset)):
         inliers = find_inliers(candidates, subset, observations)
-        candidates = cross_validate(candidates, subset, inliers[rows], options, report)
+        candidates = cross_validate(candidates, subset, inliers[rows], options, progress)
         selection = refit(
             select_model(candidates, subset, inliers[rows], loss=options.loss), observations, inliers, options
         )
@@ -107,7 +107,7 @@ def calibrate(
             selection = select_noncentral(selection, design, spline, observations, options)
         calibration = assess(selection, observations, inliers, baseline, options)
         if options.method == "ocamcalib":
-            calibration = with_ocamcalib(calibration, report)
+            calibration = with_ocamcalib(calibration, progress)
     end = time.perf_counter()
     seconds = {"detect": detected - started, "redetect": redetected - detected, "solve": end - redetected}
     return replace(calibration, redetection=redetection, seconds=seconds | {"total": end - started})

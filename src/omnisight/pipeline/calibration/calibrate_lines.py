@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from omnisight.calibration.lines.estimation import LineEstimationOptions, estimate_camera, estimate_unified_camera
-from omnisight.calibration.lines.observations import LineObservations, Progress, detect_lines, read_drawn_lines
+from omnisight.calibration.lines.observations import LineObservations, detect_lines, read_drawn_lines
 from omnisight.calibration.lines.result import LinesCalibration
 from omnisight.images import collect_images
 from omnisight.pipeline.calibration.provenance import tool_provenance
+from omnisight.progress import Progress, no_progress
 
 Source = LineObservations | str | PathLike[str] | Sequence[str | PathLike[str]]
 
@@ -38,7 +39,7 @@ class CalibrateLinesOptions(LineEstimationOptions):
 
 
 def calibrate_lines(
-    source: Source, options: CalibrateLinesOptions = CalibrateLinesOptions(), *, progress: Progress | None = None
+    source: Source, options: CalibrateLinesOptions = CalibrateLinesOptions(), *, progress: Progress = no_progress
 ) -> LinesCalibration:
     """Calibrate a camera from images of straight lines.
 
@@ -59,12 +60,11 @@ def calibrate_lines(
     ValueError
         If an input cannot be read, or the lines do not determine the camera.
     """
-    report = progress or (lambda stage, done, total: None)
     observations = load_line_observations(source, options, progress=progress)
     unique, kept, duplicate_of = observations.without_static_duplicates()
-    estimate = estimate_unified_camera(unique, options, partial(report, "unified"))
+    estimate = estimate_unified_camera(unique, options, partial(progress, "unified"))
     if options.model != "unified":
-        estimate = estimate_camera(estimate, unique, options, partial(report, options.model))
+        estimate = estimate_camera(estimate, unique, options, partial(progress, options.model))
     line_of_arc = np.full(len(observations.arcs), -1, np.intp)
     line_of_arc[kept] = estimate.consensus.line_of_arc
     is_duplicate = duplicate_of >= 0
@@ -78,7 +78,7 @@ def calibrate_lines(
 
 
 def load_line_observations(
-    source: Source, options: CalibrateLinesOptions, *, progress: Progress | None = None
+    source: Source, options: CalibrateLinesOptions, *, progress: Progress = no_progress
 ) -> LineObservations:
     """Detect the arcs of the images, or read the drawn lines.
 

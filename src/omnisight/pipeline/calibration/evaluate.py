@@ -1,6 +1,6 @@
 """Evaluation of calibrated cameras on images they were not calibrated on: `omnisight evaluate`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from omnisight.formats import load
 from omnisight.pipeline.calibration.calibrate_options import EvaluateOptions
 from omnisight.pipeline.detection.detect import Source, load_observations
 from omnisight.pipeline.detection.detection_advice import explain_no_detection
+from omnisight.progress import Progress, no_progress
 from omnisight.ray_camera import RayCamera
 from omnisight.targets.observations import Observations
 
@@ -23,7 +24,7 @@ def evaluate(
     source: Source,
     options: EvaluateOptions = EvaluateOptions(),
     *,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Evaluation]:
     """Evaluate cameras on images of a board, or on corners; only board poses and board warp are estimated.
 
@@ -53,16 +54,15 @@ def evaluate(
     """
     check_options(options, EvaluateOptions)
     cameras = _by_name(cameras)
-    report = progress or (lambda stage, done, total: None)
     observations = load_observations(source, options, progress=progress)
     if not len(observations) and observations.detections is not None:
         raise ValueError(explain_no_detection(observations.detections))
     evaluations: dict[str, Evaluation] = {}
     for i, (name, camera) in enumerate(cameras.items()):
-        report("evaluate", i, len(cameras))
+        progress("evaluate", i, len(cameras))
         _check_camera(camera, name, observations)
         evaluations[name] = evaluate_camera(camera, observations, threshold=options.threshold, flat=options.flat)
-    report("evaluate", len(cameras), len(cameras))
+    progress("evaluate", len(cameras), len(cameras))
     return evaluations
 
 

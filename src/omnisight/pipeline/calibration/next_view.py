@@ -5,9 +5,10 @@ from os import PathLike
 
 from omnisight.camera import Camera
 from omnisight.pipeline.calibration.calibrate_options import NextViewOptions
-from omnisight.pipeline.detection.detect import Progress, Source, load_observations
+from omnisight.pipeline.detection.detect import Source, load_observations
 from omnisight.pipeline.detection.detection_advice import explain_no_detection
 from omnisight.pipeline.inputs.central_camera import central_camera
+from omnisight.progress import Progress, no_progress
 from omnisight.targets import Board, PointTarget
 from omnisight.targets.boards import board_class
 from omnisight.targets.observations import Observations
@@ -21,7 +22,7 @@ def next_view(
     camera: Camera | str | PathLike[str],
     options: NextViewOptions = NextViewOptions(),
     *,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Proposal:
     """Propose where to hold the board for the next calibration image.
 
@@ -45,7 +46,6 @@ def next_view(
         If an input cannot be read, no board is detected, the image sizes differ, the camera does not fit the
         observations, or the board to hold is unknown.
     """
-    report = progress or (lambda stage, done, total: None)
     label = "" if isinstance(camera, Camera) else f"{camera}: "
     if not isinstance(camera, Camera):
         camera = central_camera(str(camera), name=options.name, accepts_distance=False)
@@ -55,10 +55,10 @@ def next_view(
         raise ValueError(explain_no_detection(observations.detections))
     camera = with_image_size(camera, observations, label)
     observations, board = choose_board(observations, options.board, default_board)
-    report("propose", 0, 1)
+    progress("propose", 0, 1)
     prior = InformationPrior.estimate(camera, observations)
     proposal = propose_views(prior, board, observations.field, options.count)
-    report("propose", 1, 1)
+    progress("propose", 1, 1)
     return proposal
 
 

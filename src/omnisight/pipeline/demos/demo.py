@@ -1,7 +1,7 @@
 """The demonstration: render, calibrate and unroll a fisheye and a mirror camera."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +13,9 @@ from omnisight.camera import Camera
 from omnisight.pipeline.calibration.calibrate import calibrate
 from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
 from omnisight.pipeline.calibration.calibration import Calibration
+from omnisight.progress import Progress, no_progress
 from omnisight.simulation import CameraSetup, fisheye_setup, mirror_setup
 
-Progress = Callable[[str, int, int], None]
 View = tuple[Camera, NDArray[np.float64]]
 
 IMAGE_COUNT = 12
@@ -51,7 +51,7 @@ class DemoResult:
     views: tuple[str, ...]
 
 
-def demo(output: Path, *, progress: Progress | None = None) -> list[DemoResult]:
+def demo(output: Path, *, progress: Progress = no_progress) -> list[DemoResult]:
     """Render images of a board by a fisheye and a mirror camera, calibrate them, and write views.
 
     The true camera is known, so the error of the calibration is exact.
@@ -63,17 +63,16 @@ def demo(output: Path, *, progress: Progress | None = None) -> list[DemoResult]:
     progress
         Called with a stage, the steps done and the total.
     """
-    report = progress or (lambda stage, done, total: None)
     results: list[DemoResult] = []
     for name, setup in SETUPS.items():
         folder = output / name
         (folder / "images").mkdir(parents=True, exist_ok=True)
         camera = setup()
-        room, paths = _render(name, camera, folder, report)
+        room, paths = _render(name, camera, folder, progress)
         calibration = calibrate(
             paths,
             CalibrateOptions(pattern="8x5", square="40mm"),
-            progress=lambda stage, done, total, n=name: report(f"{n}: {stage}", done, total),
+            progress=lambda stage, done, total, n=name: progress(f"{n}: {stage}", done, total),
         )
         calibrated = calibration.camera
         assert isinstance(calibrated, Camera)  # no non-central model was requested
@@ -85,9 +84,9 @@ def demo(output: Path, *, progress: Progress | None = None) -> list[DemoResult]:
     return results
 
 
-def _render(name: str, setup: CameraSetup, folder: Path, report: Progress) -> tuple[NDArray[np.uint8], list[Path]]:
+def _render(name: str, setup: CameraSetup, folder: Path, progress: Progress) -> tuple[NDArray[np.uint8], list[Path]]:
     """Write the true camera, an image of the empty room and images with the board; return room and board images."""
-    report(f"{name}: render", 0, IMAGE_COUNT)
+    progress(f"{name}: render", 0, IMAGE_COUNT)
     renderer = setup.renderer()
     room = renderer().image
     om.write_image(folder / "room.jpg", room)
@@ -97,7 +96,7 @@ def _render(name: str, setup: CameraSetup, folder: Path, report: Progress) -> tu
     for i, board in enumerate(setup.boards(IMAGE_COUNT)):
         paths.append(folder / "images" / f"{i + 1:02d}.jpg")
         om.write_image(paths[-1], renderer([board], np.random.default_rng(i)).image)
-        report(f"{name}: render", i + 1, IMAGE_COUNT)
+        progress(f"{name}: render", i + 1, IMAGE_COUNT)
     return room, paths
 
 

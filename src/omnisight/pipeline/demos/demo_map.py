@@ -1,7 +1,6 @@
 """The demonstration of structure from motion: reconstruct a rendered walk, and compare it with the truth."""
 
 import shutil
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from omnisight.pipeline.reconstruction.reconstruct import reconstruct
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
 from omnisight.pipeline.simulation.simulate import SimulateOptions, simulate
+from omnisight.progress import Progress, no_progress
 from omnisight.sfm.georeference import least_squares_similarity
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.views import sphere
@@ -41,7 +41,7 @@ class DemoMap:
     path_m: float
 
 
-def demo_map(output: Path, *, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> DemoMap:
+def demo_map(output: Path, *, progress: Progress = no_progress) -> DemoMap:
     """Render 360 images along a closed path in a room, and reconstruct poses and points.
 
     Parameters

@@ -1,6 +1,6 @@
 """Detection of a calibration board in images and video clips, and loading of observations: `omnisight detect`."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -16,10 +16,10 @@ from omnisight.images import IMAGE_SUFFIXES, UnreadableImage, collect_images, ha
 from omnisight.images.collect import expand_path
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.detection.detect_options import DetectOptions, SourceOptions
+from omnisight.progress import Progress, no_progress
 from omnisight.targets import Detections, ImageDetection, detect_boards
 from omnisight.targets.observations import Observations
 
-Progress = Callable[[str, int, int], None]
 Source = Observations | Detections | str | PathLike[str] | Sequence[Any]
 
 
@@ -27,7 +27,7 @@ def detect(
     source: str | PathLike[str] | Sequence[str | PathLike[str]],
     options: DetectOptions = DetectOptions(),
     *,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Detections:
     """Detect a calibration board in images and in the most informative frames of video clips.
 
@@ -46,7 +46,6 @@ def detect(
         If the source contains no images, or the board cannot be read.
     """
     check_options(options, DetectOptions)
-    report = progress or (lambda stage, done, total: None)
     board = options.board
     images: list[Path] = []
     remarks: dict[Path, str] = {}
@@ -57,7 +56,7 @@ def detect(
             continue
         from omnisight.calibration.frame_selection import select_frames  # imported on use: it compiles
 
-        reading = partial(report, f"read {path.name}")
+        reading = partial(progress, f"read {path.name}")
         try:
             frames = select_frames(path, board, apply_exif=options.apply_exif, cache=options.cache, progress=reading)
         except UnreadableImage as error:
@@ -71,7 +70,7 @@ def detect(
         square=options.square_m,
         apply_exif=options.apply_exif,
         cache=options.cache,
-        progress=partial(report, "detect boards"),
+        progress=partial(progress, "detect boards"),
     )
     results = [
         image.with_remark(remarks[image.path]) if image.path in remarks else image for image in detections.images
@@ -80,7 +79,7 @@ def detect(
 
 
 def load_observations(
-    source: Source, options: SourceOptions = SourceOptions(), *, progress: Progress | None = None
+    source: Source, options: SourceOptions = SourceOptions(), *, progress: Progress = no_progress
 ) -> Observations:
     """Load the observations of a calibration: detect boards, read corner files, or take arrays.
 

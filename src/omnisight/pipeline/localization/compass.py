@@ -1,6 +1,6 @@
 """Headings of images from their appearance: the counterpart of `omnisight compass`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,8 +12,7 @@ from omnisight.pipeline.localization.compass_options import CompassOptions
 from omnisight.places.panorama_rotation import CompassRotation, estimate_rotation
 from omnisight.places.panorama_signature import PanoramaSignature
 from omnisight.places.visual_compass import VisualCompass
-
-Progress = Callable[[str, int, int], None]
+from omnisight.progress import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def compass(
     options: CompassOptions = CompassOptions(),
     *,
     camera: CameraSource | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> CompassResult:
     """Estimate the heading of images relative to the most similar of several references.
 
@@ -101,11 +100,10 @@ def compass(
         If there are no images or the camera file cannot be read.
     """
     check_options(options, CompassOptions)
-    report = progress or (lambda stage, done, total: None)
     queries = named_images(images)
     sources = queries[:1] if reference is None else named_images(reference)
     read, failed = PanoramaReader(camera, options), {}
-    references = _read_references(sources, read, failed, report)
+    references = _read_references(sources, read, failed, progress)
     if not references:
         return CompassResult((), 0, failed, f"no reference can be used: {next(iter(failed.values()))}")
     files = [source.source for source, _ in references]
@@ -120,7 +118,7 @@ def compass(
             headings.append(Heading(query.name, references[nearest][0].name, *rotation))
         except ValueError as error:
             failed[query.name] = str(error)
-        report("headings", done + 1, len(queries))
+        progress("headings", done + 1, len(queries))
     reason = "" if headings else f"no image has a heading: {next(iter(failed.values()))}"
     return CompassResult(tuple(headings), len(references), failed, reason)
 
@@ -170,7 +168,7 @@ def _one_image(image: CompassImage, label: str) -> NamedImage:
 
 
 def _read_references(
-    sources: Sequence[NamedImage], read: PanoramaReader, failed: dict[str, str], report: Progress
+    sources: Sequence[NamedImage], read: PanoramaReader, failed: dict[str, str], progress: Progress
 ) -> list[tuple[NamedImage, PanoramaSignature]]:
     """Read the references that can be used, and add the reasons of the others."""
     references: list[tuple[NamedImage, PanoramaSignature]] = []
@@ -179,7 +177,7 @@ def _read_references(
             references.append((source, read(source)))
         except ValueError as error:
             failed[source.name] = str(error)
-        report("references", done + 1, len(sources))
+        progress("references", done + 1, len(sources))
     return references
 
 

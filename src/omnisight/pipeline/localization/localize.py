@@ -14,7 +14,7 @@ from omnisight.pipeline.inputs.image_set import image_set
 from omnisight.pipeline.localization.localization_result import LocalizationResult
 from omnisight.pipeline.localization.localize_options import LocalizeOptions
 from omnisight.pipeline.localization.visual_map import read_map
-from omnisight.pipeline.reconstruction.detected_images import Progress
+from omnisight.progress import Progress, no_progress
 
 
 def localize(
@@ -22,7 +22,7 @@ def localize(
     visual_map: VisualMap | str | PathLike[str],
     camera: CameraSource | None = None,
     options: LocalizeOptions = LocalizeOptions(),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
 ) -> LocalizationResult:
     """Estimate the poses of images in a map that other images, of any other camera, were used for.
 

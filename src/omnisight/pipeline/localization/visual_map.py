@@ -14,10 +14,11 @@ from omnisight.localization.visual_map import VisualMap
 from omnisight.pipeline.inputs.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.inputs.image_set import image_set
 from omnisight.pipeline.inputs.work_folder import WorkFolder
-from omnisight.pipeline.reconstruction.detected_images import Progress, detect_images
+from omnisight.pipeline.reconstruction.detected_images import detect_images
 from omnisight.pipeline.reconstruction.reconstruct import reconstruct
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
+from omnisight.progress import Progress, no_progress
 from omnisight.reconstructions import read_reconstruction, write_reconstruction
 
 FILE = "descriptors.npy"
@@ -32,7 +33,7 @@ def build_map(
     camera: AnyCameraSource | Mapping[str, AnyCameraSource] | None = None,
     rig: RigSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
     work: str | PathLike[str] | None = None,
 ) -> tuple[VisualMap | None, ReconstructionResult]:
     """Reconstruct images, and return the largest model as a map in which images of other cameras can be localized.

@@ -1,7 +1,6 @@
 """Check a recording before it is used, or the installation: the counterpart of `omnisight doctor`."""
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
@@ -20,8 +19,7 @@ from omnisight.pipeline.inputs.camera_sources import AnyCameraSource, CameraSour
 from omnisight.pipeline.inputs.central_camera import camera_of_image
 from omnisight.pipeline.odometry.doctor_options import DoctorOptions
 from omnisight.pipeline.odometry.frame_sequence import DEFAULT_FPS, FrameSequence
-
-Progress = Callable[[str, int, int], None]
+from omnisight.progress import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ def doctor(
     images: str | PathLike[str] | None = None,
     camera: AnyCameraSource | None = None,
     options: DoctorOptions = DoctorOptions(),
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> Diagnosis:
     """Check a clip or a folder of images of a moving camera, or, without images, the installation.
 
@@ -88,7 +86,7 @@ def doctor(
 
 
 def _examine(
-    sequence: FrameSequence, source: AnyCameraSource | None, options: DoctorOptions, report: Progress
+    sequence: FrameSequence, source: AnyCameraSource | None, options: DoctorOptions, progress: Progress
 ) -> Recording:
     """Measure runs of consecutive images, distributed over a sequence."""
     camera, reason = _camera(source, sequence, options)
@@ -100,7 +98,7 @@ def _examine(
             recording.add(frame.index, frame.seconds, to_gray8(frame.images[0]))
         else:
             recording.unreadable.append(frame.reason)
-        report("images", done, max(len(chosen), done))
+        progress("images", done, max(len(chosen), done))
     # A truncated clip has none of the images that are chosen after its end.
     if recording.frames:
         recording.unreadable.extend(sequence.warnings(recording.frames[-1].index + 1))

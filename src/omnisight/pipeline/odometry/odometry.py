@@ -23,11 +23,11 @@ from omnisight.pipeline.odometry.odometry_options import OdometryOptions
 from omnisight.pipeline.odometry.odometry_result import OdometryResult, TrackingSpeed
 from omnisight.pipeline.odometry.odometry_scale import ScaledTrajectory, ScaleSources
 from omnisight.pipeline.odometry.trajectory_writer import TrajectoryWriter
+from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
 
-Progress = Callable[[str, int, int], None]
 Watch = Callable[[Odometry, SequenceFrame], None]
 
 # Frames after which the time per frame is measured: the first ones compile and initialize.
@@ -40,7 +40,7 @@ def odometry(
     rig: RigSource | None = None,
     options: OdometryOptions = OdometryOptions(),
     output: str | PathLike[str] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> OdometryResult:
     """Compute the trajectory of a camera or a rig from a clip, a bag or a folder of images.
 
@@ -69,7 +69,6 @@ def odometry(
     ValueError
         If a file cannot be read, the camera is not known, or the images do not have its size.
     """
-    report = progress or (lambda stage, done, total: None)
     calibration = camera if rig is None else rig
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
     sources = CameraSources.of(camera, rig, None)
@@ -77,9 +76,9 @@ def odometry(
     _refuse_inputs(output, [images, calibration, *sequence.paths], options)
 
     def watch(tracking: Odometry, frame: SequenceFrame) -> None:
-        report("tracking", frame.index + 1, max(len(sequence), frame.index + 1))
+        progress("tracking", frame.index + 1, max(len(sequence), frame.index + 1))
 
-    result = _run(sequence, _body(sources, sequence, options), options, output, watch, report)
+    result = _run(sequence, _body(sources, sequence, options), options, output, watch, progress)
     return replace(result, unit=rig.unit) if rig is not None and result.unit == "m" and not result.scale else result
 
 
@@ -126,7 +125,7 @@ def _run(
     options: OdometryOptions,
     output: str | PathLike[str] | None,
     watch: Watch,
-    report: Progress,
+    progress: Progress,
 ) -> OdometryResult:
     """Track the frames of a sequence, close loops, and determine the scale."""
     start = time.perf_counter()
@@ -134,7 +133,7 @@ def _run(
     tracking = Odometry(body, options, _masks(options.mask, body), known.imu)
     file = TrajectoryWriter.of_path(Path(os.devnull if output is None else output), options.to)
     speed = _track(sequence, tracking, known, file, watch, start)
-    closed = _close_loops(tracking, options, report)
+    closed = _close_loops(tracking, options, progress)
     scaled = _in_metres(tracking, closed, known)
     if (options.loops or scaled.scale) and scaled.poses:
         file.replace(scaled.poses, speed.frames)
@@ -202,13 +201,13 @@ def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]]
     return [read_mask(file, camera.size) for file, camera in zip(files, body.cameras, strict=True)]
 
 
-def _close_loops(tracking: Odometry, options: OdometryOptions, report: Progress) -> LoopClosure:
+def _close_loops(tracking: Odometry, options: OdometryOptions, progress: Progress) -> LoopClosure:
     """Return the trajectory with closed loops, or as it is."""
     if not options.loops:
         return LoopClosure(tuple(tracking.trajectory))
-    report("closing loops", 0, 1)
+    progress("closing loops", 0, 1)
     closed = tracking.close_loops()
-    report("closing loops", 1, 1)
+    progress("closing loops", 1, 1)
     return closed
 
 

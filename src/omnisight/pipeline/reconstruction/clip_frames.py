@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import Clip, to_gray8, write_image
 from omnisight.images.ros_bag import ImageBag, is_bag
+from omnisight.progress import Progress, no_progress
 
 # Width, px, of the thumbnails whose sharpness is compared.
 THUMBNAIL_WIDTH_PX = 640
@@ -20,7 +21,7 @@ def extract_frames(
     clip: str | PathLike[str],
     folder: str | PathLike[str],
     fps: float = 2.0,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Progress = no_progress,
     *,
     topic: str | None = None,
     apply_exif: bool = False,

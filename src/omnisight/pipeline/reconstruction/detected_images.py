@@ -1,6 +1,6 @@
 """Keypoints of a set of images, through the cameras that took them."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -18,12 +18,11 @@ from omnisight.pipeline.reconstruction.keypoint_batch import detect_by_workers
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.self_calibration import change_of_rays, prior_sigmas, relocated, select_camera
 from omnisight.pipeline.reconstruction.stored_stages import detect
+from omnisight.progress import Progress
 from omnisight.sfm.pixel_rays import FreeCameras
 
 Indices = NDArray[np.intp]
 Bytes = NDArray[np.uint8]
-# Called with the stage, the work done and the total.
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Keypoints of many images: the first stage of `omnisight reconstruct` with workers."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from omnisight.pipeline.inputs.work_folder import WorkFolder, digest, from_bytes
 from omnisight.pipeline.reconstruction.image_cameras import ImageCameras
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.stored_stages import detected_arrays, from_detected_arrays
+from omnisight.progress import Progress
 
 # Array of an image that cannot be read, in place of its keypoints.
 REASON = "reason"
@@ -65,7 +66,7 @@ def detect_by_workers(
     files: ImageSet,
     cameras: ImageCameras,
     options: ReconstructOptions,
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
     work: WorkFolder,
 ) -> Iterator[tuple[Keypoints, NDArray[np.uint8]] | UnreadableImage]:
     """Yield the keypoints of each image and their colours (K, 3), which workers detect and the work folder keeps.

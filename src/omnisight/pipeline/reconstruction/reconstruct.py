@@ -17,7 +17,7 @@ from omnisight.pipeline.batch.peak_memory import peak_memory_bytes
 from omnisight.pipeline.inputs.camera_sources import AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.inputs.image_set import ImageSet, image_set
 from omnisight.pipeline.inputs.work_folder import WorkFolder
-from omnisight.pipeline.reconstruction.detected_images import DetectedImages, Progress, detect_images
+from omnisight.pipeline.reconstruction.detected_images import DetectedImages, detect_images
 from omnisight.pipeline.reconstruction.metric_world import MetricWorld
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
@@ -25,6 +25,7 @@ from omnisight.pipeline.reconstruction.self_calibration import CONVERGED_RAD, MA
 from omnisight.pipeline.reconstruction.stored_stages import match
 from omnisight.pipeline.reconstruction.unregistered_images import unregistered_images
 from omnisight.places import similar_pairs
+from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_changes
 from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
@@ -57,7 +58,7 @@ def reconstruct(
     camera: AnyCameraSource | Mapping[str, AnyCameraSource] | None = None,
     rig: RigSource | None = None,
     options: ReconstructOptions = ReconstructOptions(),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
     work: str | PathLike[str] | None = None,
 ) -> ReconstructionResult:
     """Estimate the poses of images and the points that they show.

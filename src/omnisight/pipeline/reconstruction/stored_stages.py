@@ -13,6 +13,7 @@ from omnisight.formats.native import to_json
 from omnisight.geometry.pose import Pose
 from omnisight.images.colors import colors_at
 from omnisight.pipeline.inputs.work_folder import Arrays, WorkFolder, digest
+from omnisight.progress import StageProgress
 from omnisight.sfm.view_graph import Edge, ViewGraph, match_pairs
 
 Bytes = NDArray[np.uint8]
@@ -52,7 +53,7 @@ def match(
     work: WorkFolder,
     keypoints: Sequence[Keypoints],
     pairs: Sequence[tuple[int, int]],
-    progress: Callable[[int, int], None],
+    progress: StageProgress,
     known: Callable[[int, int], Pose | None],
 ) -> ViewGraph:
     """Match pairs of images and estimate their relative poses; see `match_pairs`."""

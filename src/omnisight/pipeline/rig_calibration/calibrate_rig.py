@@ -1,7 +1,7 @@
 """Calibration of a rig from simultaneous images of a board: `omnisight calibrate-rig`."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any
@@ -27,17 +27,16 @@ from omnisight.pipeline.rig_calibration.rig_observations import free_parameters,
 from omnisight.pipeline.rig_calibration.rig_sources import RigSources, named_sources, with_common_frames
 from omnisight.pipeline.rig_calibration.simultaneous_views import SimultaneousViews
 from omnisight.pipeline.rig_calibration.unconnected_rig import explain_unconnected
+from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.targets.observations import Observations
-
-Progress = Callable[[str, int, int], None]
 
 
 def calibrate_rig(
     sources: RigSources | Sequence[str | PathLike[str]],
     options: CalibrateRigOptions = CalibrateRigOptions(),
     *,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> RigCalibration:
     """Calibrate a rig: the cameras, their poses relative to each other, the board poses and board warps, jointly.
 
@@ -58,22 +57,22 @@ def calibrate_rig(
         If an input cannot be read, a camera sees too few boards, or common boards do not connect the cameras.
     """
     check_options(options, CalibrateRigOptions)
-    report, started = progress or (lambda stage, done, total: None), time.perf_counter()
-    named = with_common_frames(_with_reference_first(named_sources(sources), options), options, report)
+    started = time.perf_counter()
+    named = with_common_frames(_with_reference_first(named_sources(sources), options), options, progress)
     _check_names(named, options)
-    cameras = [rig_camera(name, source, options, report) for name, source in named.items()]
+    cameras = [rig_camera(name, source, options, progress) for name, source in named.items()]
     check_different_images(cameras)
     check_not_mirrored(cameras)
     check_not_exchanged(cameras)
     alone = time.perf_counter()
     observations, states, simultaneous = rig_observations(cameras, options)
-    report("refine rig", 0, 1)
+    progress("refine rig", 0, 1)
     free = free_parameters(cameras, observations, options)
     try:
         estimate = estimate_rig(observations, states, free, symmetric=symmetric_boards(observations))
     except Unconnected as error:
         raise ValueError(explain_unconnected(error, simultaneous.rule)) from error
-    report("refine rig", 1, 1)
+    progress("refine rig", 1, 1)
     calibration = assess(cameras, estimate, simultaneous, list(named_sources(sources)))
     end = time.perf_counter()
     seconds = {"cameras": alone - started, "rig": end - alone, "total": end - started}

@@ -1,6 +1,6 @@
 """The cameras of a rig, each calibrated alone or known from a file."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,13 +23,13 @@ from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.pipeline.detection.detect import load_observations
 from omnisight.pipeline.detection.detection_advice import ForceRequired, explain_no_detection
 from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
+from omnisight.progress import Progress
 from omnisight.ray_camera import RayCamera
 from omnisight.targets import Board
 from omnisight.targets.observations import Observations
 from omnisight.targets.set_checks import is_mirrored
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 Boards = Mapping[str, Observations]
 
 # Ratio of the residuals of two cameras on the same images below which the better one is theirs: the residuals of one

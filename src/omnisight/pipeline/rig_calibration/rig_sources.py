@@ -1,7 +1,7 @@
 """The images of each camera of a rig, by name."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,8 @@ from omnisight.pipeline.rig_calibration.simultaneous_views import (
     median_interval,
     read_times,
 )
+from omnisight.progress import Progress
 
-Progress = Callable[[str, int, int], None]
 RigSources = Mapping[str, Any]
 
 

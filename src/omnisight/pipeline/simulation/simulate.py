@@ -20,6 +20,7 @@ from omnisight.motion_sensor_options import RATES, MotionSensors
 from omnisight.pipeline.simulation.simulate_options import SimulateOptions
 from omnisight.pipeline.simulation.simulated_motion import camera_motion, check_trajectory, write_measurements
 from omnisight.pipeline.simulation.simulated_scene import visited_scene
+from omnisight.progress import Progress, no_progress
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation import motion_sensor_files
@@ -38,8 +39,6 @@ from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import exposure_drift
 from omnisight.simulation.trajectory import Motion, Trajectory
-
-Progress = Callable[[str, int, int], None]
 
 # Larger images are mistakes, and would fill the memory.
 MAX_IMAGE_PIXELS = 50_000_000
@@ -76,7 +75,7 @@ class SimulatedDataset(Displayed):
 
 
 def simulate(
-    options: SimulateOptions, *, progress: Progress | None = None, warn: Callable[[str], None] | None = None
+    options: SimulateOptions, *, progress: Progress = no_progress, warn: Callable[[str], None] | None = None
 ) -> SimulatedDataset:
     """Render images of a scene along a trajectory, and write them with the ground truth of every pixel.
 
@@ -100,13 +99,12 @@ def simulate(
         If a file cannot be read or written.
     """
     start = time.perf_counter()
-    report = progress or (lambda stage, done, total: None)
     cameras = mounted_cameras(options.camera, options.circle)
     exports = [get_export(name) for name in options.export]
     for export in exports:
         export.check(cameras)
     check_trajectory(options)
-    report("build the scene", 0, 1)
+    progress("build the scene", 0, 1)
     scene, notes = visited_scene(options)
     motion, times, more_notes = camera_motion(options, scene)
     notes += more_notes + _collision_notes(scene, motion, times, cameras)
@@ -115,12 +113,12 @@ def simulate(
     steps = depth_steps_per_metre(scene)
     dataset = Dataset.create(options.output, cameras, exact=options.exact, jpeg=options.jpeg, depth_steps=steps)
     remove_exports(options.output)
-    report("build the scene", 1, 1)
+    progress("build the scene", 1, 1)
     rendering = _Rendering(options, scene, motion, times, dataset, any(export.NEEDS_SAMPLES for export in exports))
     samples, total = list[ImageSample](), len(times) * len(cameras)
     for k, camera in enumerate(cameras):
-        samples += rendering.write_images(k, camera, lambda done: report("render", done, total))
-    report("render", total, total)
+        samples += rendering.write_images(k, camera, lambda done: progress("render", done, total))
+    progress("render", total, total)
     settings = _settings(options, len(times)) | {"depth_steps_per_metre": None if options.exact else steps}
     measurements = write_measurements(options, motion, times)
     sequence = SimulatedSequence(options.output, cameras, times, motion, dataset.image_suffix, samples, measurements)

@@ -1,7 +1,7 @@
 """Stitching of the images of a rig or head to a sphere: the counterpart of `omnisight stitch`."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -24,6 +24,7 @@ from omnisight.pipeline.stitching.stitch_files import (
 from omnisight.pipeline.stitching.stitch_inputs import Bytes, StitchSource, head_frames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.pipeline.stitching.stitch_plan import StitchPlan, plan_frames
+from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.sfm.head_result import HeadCalibration
 from omnisight.video_options import VideoOptions
@@ -31,7 +32,6 @@ from omnisight.views.stitching.levelling import Vertical
 from omnisight.views.stitching.seam_plan import SeamQuality
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 # Disparity along a seam above which it is visible, degrees: five times the resolution of the eye at a full sphere.
 MAX_SEAM_DISPARITY_DEG = 0.3
@@ -105,7 +105,7 @@ def stitch(
     cameras: Sequence[Camera | str | PathLike[str]] = (),
     output: str | PathLike[str] | None = None,
     video: VideoOptions = VideoOptions(),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
 ) -> StitchResult:
     """Stitch simultaneous images of a rig of central cameras to an equirectangular image.
 

@@ -1,6 +1,6 @@
 """The frames of a stitch and their files: photos with GPano tags, folders of them, and clips with sphere metadata."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,12 +17,11 @@ from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import WRITABLE_EXTENSIONS
 from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
+from omnisight.progress import Progress
 from omnisight.video_options import CONTAINERS, VideoOptions
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
-
-Progress = Callable[[str, int, int], None]
 
 # Containers in which the metadata of a sphere are written.
 SPHERE_SUFFIXES = (".mp4", ".m4v", ".mov")

@@ -1,7 +1,7 @@
 """Views of image files: the counterpart of `omnisight view`."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -18,12 +18,12 @@ from omnisight.images.output_paths import output_paths, refuse_overwrite
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
+from omnisight.progress import Progress, no_progress
 from omnisight.views.maps import visible_fraction
 from omnisight.views.remapper import magnification
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def view(
     *,
     mask: str | PathLike[str] | None = None,
     view_camera: str | PathLike[str] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> ViewResult:
     """Turn image files into views and write them.
 
@@ -128,7 +128,6 @@ def view(
     OSError
         If a file cannot be written.
     """
-    report = progress or (lambda stage, done, total: None)
     options = options or ViewOptions()
     central = None if camera is None else central_camera(camera, name=options.name, distance=options.distance)
     paths = collect_images(images)
@@ -137,7 +136,7 @@ def view(
     written: list[Path] = []
     errors: list[str] = []
     for i, (path, file) in enumerate(zip(paths, files, strict=True)):
-        report("view", i, len(paths))
+        progress("view", i, len(paths))
         try:
             image = read_image(path, apply_exif=options.apply_exif)
             if render is None:
@@ -149,7 +148,7 @@ def view(
             if len(paths) == 1:
                 raise
             errors.append(str(error))
-    report("view", len(paths), len(paths))
+    progress("view", len(paths), len(paths))
     if render is None or not written:
         raise ValueError(skipped_message(errors, len(paths)))
     if mask is not None:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from os import PathLike
@@ -24,13 +24,13 @@ from omnisight.pipeline.views.view_motion import Angles, check_fixed_angles, mov
 from omnisight.pipeline.views.view_options import ViewMotion, ViewOptions
 from omnisight.pipeline.views.view_renderer import hatch
 from omnisight.pipeline.views.view_target import view_target
+from omnisight.progress import Progress, no_progress
 from omnisight.video_options import VideoOptions
 from omnisight.views.cube import CROSS_LAYOUT, CUBE_FACES, cube_cross
 from omnisight.views.frame_remapper import FrameRemapper
 from omnisight.views.maps import extrapolation_mask
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def view_clip(
     *,
     motion: ViewMotion = ViewMotion(),
     video: VideoOptions = VideoOptions(),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = no_progress,
 ) -> ClipViews:
     """Turn a clip into videos of views, which keep its time stamps and its sound.
 

@@ -5,9 +5,10 @@ from os import PathLike
 
 from omnisight.images import has_clip_suffix
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource
-from omnisight.pipeline.views.view import Progress, ViewResult, view
+from omnisight.pipeline.views.view import ViewResult, view
 from omnisight.pipeline.views.view_clip import ClipViews, view_clip
 from omnisight.pipeline.views.view_options import ViewMotion, ViewOptions
+from omnisight.progress import Progress, no_progress
 from omnisight.video_options import VideoOptions
 
 
@@ -20,7 +21,7 @@ def view_files(
     view_camera: str | PathLike[str] | None = None,
     motion: ViewMotion = ViewMotion(),
     video: VideoOptions = VideoOptions(),
-    progress: Progress | None = None,
+    progress: Progress = no_progress,
 ) -> tuple[tuple[ViewResult, ...], ClipViews | None]:
     """Turn images, or a clip, into one or several views; the parameters are those of `view` and `view_clip`.
 
@@ -36,7 +37,6 @@ def view_files(
     ValueError
         If a clip is not the only input, an option does not apply to the inputs, or as of `view` and `view_clip`.
     """
-    report = progress or (lambda stage, done, total: None)
     clips = [image for image in images if has_clip_suffix(image)]
     if clips and len(images) > 1:
         raise ValueError(f"{clips[0]}: a clip is viewed alone; there are {len(images)} inputs")
@@ -45,12 +45,12 @@ def view_files(
             "--mask and --view-camera apply to one view of images: leave them out, or render the view alone"
         )
     if clips:
-        written = view_clip(clips[0], camera, views, motion=motion, video=video, progress=report)
+        written = view_clip(clips[0], camera, views, motion=motion, video=video, progress=progress)
         return written.views, written
     if motion.moves:
         raise ValueError(f"{images[0]}: --path, --pan and --stabilize apply to a clip: leave them out")
     results = [
-        view(images, camera, output, options, mask=mask, view_camera=view_camera, progress=report)
+        view(images, camera, output, options, mask=mask, view_camera=view_camera, progress=progress)
         for output, options in views
     ]
     return tuple(results), None

@@ -1,11 +1,12 @@
 """Images with their detected corners."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from omnisight.images import read_image, write_image
+from omnisight.progress import StageProgress, no_progress
 from omnisight.report.drawings.canvas import BLUE, GREEN, RED, YELLOW, Color, ImageCanvas, display_zoom
 from omnisight.targets import Detection, Detections, ImageDetection
 
@@ -18,7 +19,7 @@ def draw_detections(
     files: Sequence[Path],
     *,
     apply_exif: bool = False,
-    progress: Callable[[int, int], None] | None = None,
+    progress: StageProgress = no_progress,
 ) -> None:
     """Draw the corners of each image, row by row, and the boundaries of the image field.
 
@@ -40,8 +41,7 @@ def draw_detections(
     for i, (image, file) in enumerate(zip(detections.images, files, strict=True)):
         if image.size is not None:
             write_image(file, _draw(image, detections, apply_exif).pixels)
-        if progress is not None:
-            progress(i + 1, len(files))
+        progress(i + 1, len(files))
 
 
 def draw_board_rows(canvas: ImageCanvas, detection: Detection, detections: Detections, color: Color = YELLOW) -> None:
