@@ -1,6 +1,6 @@
 """Image retrieval: which images show the place of another image."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from omnisight.features import Keypoints
 from omnisight.parallel import parallel_map
 from omnisight.places.inverted_lists import InvertedLists
 from omnisight.places.vocabulary import Bits, Kind, Words, load_vocabulary
+from omnisight.progress import StageProgress, no_progress
 
 # Keypoints of an image that are used, the strongest.
 MAX_KEYPOINTS = 2000
@@ -140,7 +141,7 @@ class PlaceIndex:
 def similar_pairs(
     keypoints: Sequence[Keypoints],
     neighbours: int = 20,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: StageProgress = no_progress,
     kind: Kind = "sift",
 ) -> list[tuple[int, int]]:
     """Return the pairs of images that are likely to overlap: each image with its most similar ones.
