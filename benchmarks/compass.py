@@ -33,7 +33,9 @@ SMOOTHING_S, FIT_ITERATIONS, OUTLIER_SCALE = 2.0, 4, 1.5
 # Until the robot moves, its path has no direction.
 FIRST_MOVING = 20
 # Rendered panoramas: queries per scene, and the largest distances from the reference, metres.
-QUERIES, DISTANCES = 40, (0.05, 0.2, 0.5)
+QUERIES, DISTANCES = 40, (0.05, 0.2, 0.5, 2.0)
+# Those at which the queries are also lit from one side.
+LIT_DISTANCES = (0.2, 0.5)
 CAMERA = om.sphere(240)
 
 
@@ -192,20 +194,34 @@ def shoot(scene: str, distance: float, rng: np.random.Generator) -> tuple[list[I
     return queries, references, headings
 
 
+def lit_from_one_side(image: Image, rng: np.random.Generator) -> Image:
+    """Return an image whose gray values are up to 50 % larger on one side, and smaller on the other one."""
+    width = image.shape[1]
+    light = 1 + 0.5 * np.sin(2 * np.pi * np.arange(width) / width + rng.uniform(0, 2 * np.pi))
+    return np.clip(image * light / 1.2, 0, 255).astype(np.uint8)
+
+
 def print_rendered(scenes: Sequence[str], distances: Sequence[float]) -> None:
     """Print heading errors of rendered panoramas relative to the reference at a distance."""
-    print("\n| scene, distance | method | heading ° | 95 % | within 1, 2, 3σ % |\n" + "|---" * 5 + "|")
+    print("\n| scene, distance | method | heading ° | 95 % | median σ ° | within 1, 2, 3σ % |\n" + "|---" * 6 + "|")
     for scene in scenes:
         for distance in distances:
             queries, references, headings = shoot(scene, distance, np.random.default_rng(0))
-            for method, locate in METHODS.items():
-                found = [locate([q], [r])[0] for q, r in zip(queries, references, strict=True)]
-                error = np.abs([wrap_deg(each.heading - true) for each, true in zip(found, headings, strict=True)])
-                sigma = np.array([each.sigma for each in found])
-                within = ", ".join(f"{100 * np.mean(error < k * sigma):.0f}" for k in (1, 2, 3))
-                cells = f"{np.median(error):.2f} | {np.quantile(error, 0.95):.1f}"
-                stated = within if np.isfinite(sigma).all() else "-"
-                print(f"| {scene}, {distance:g} m | {method} | {cells} | {stated} |", flush=True)
+            _print_headings(f"{scene}, {distance:g} m", queries, references, headings)
+            if distance in LIT_DISTANCES:
+                lit = [lit_from_one_side(query, np.random.default_rng(k)) for k, query in enumerate(queries)]
+                _print_headings(f"{scene}, {distance:g} m, light", lit, references, headings)
+
+
+def _print_headings(name: str, queries: Sequence[Image], references: Sequence[Image], headings: Array) -> None:
+    """Print a row for each method."""
+    for method, locate in METHODS.items():
+        found = [locate([q], [r])[0] for q, r in zip(queries, references, strict=True)]
+        error = np.abs([wrap_deg(each.heading - true) for each, true in zip(found, headings, strict=True)])
+        sigma = np.array([each.sigma for each in found])
+        within = ", ".join(f"{100 * np.mean(error < k * sigma):.0f}" for k in (1, 2, 3))
+        stated = f"{np.median(sigma):.2f} | {within}" if np.isfinite(sigma).all() else "- | -"
+        print(f"| {name} | {method} | {np.median(error):.2f} | {np.quantile(error, 0.95):.1f} | {stated} |", flush=True)
 
 
 def main(arguments: Sequence[str]) -> None:

@@ -33,9 +33,9 @@ def rotation(query, reference):
     return estimate_rotation(PanoramaSignature(query), PanoramaSignature(reference))
 
 
-def render(yaw_deg, place):
+def render(yaw_deg, place, width=240):
     pose = om.Pose(so3.exp([0.0, np.radians(yaw_deg), 0.0]), np.array(place, float))
-    return Renderer(om.sphere(240), pose, scene_named("room"), samples=1)().image
+    return Renderer(om.sphere(width), pose, scene_named("room"), samples=1)().image
 
 
 @pytest.mark.parametrize("columns", [0, 1, 17, 60, 90, 119])
@@ -145,6 +145,22 @@ def test_light_from_one_side_affects_neither_the_heading_nor_its_uncertainty():
     assert max(errors) < 0.5  # some above 90 with white residuals
     assert max(sigmas) < 1.0  # above 30 with white residuals
     assert (np.array(errors) < 3 * np.array(sigmas)).all()
+
+
+def test_light_from_one_side_and_a_translation_are_part_of_the_uncertainty():
+    rng = np.random.default_rng(3)
+    azimuth = 2 * np.pi * np.arange(120) / 120
+    deviations = []
+    for phase in np.linspace(0, 2 * np.pi, 12, endpoint=False):
+        place, direction = rng.uniform(-1, 1, 2), rng.uniform(0, 2 * np.pi)
+        moved = place + 0.5 * np.array([np.sin(direction), np.cos(direction)])
+        before, after = (
+            cv2.cvtColor(render(yaw, (x, 0, z), width=120), cv2.COLOR_RGB2GRAY)
+            for yaw, (x, z) in ((0, place), (50, moved))
+        )
+        found = rotation(after * (1 + 0.5 * np.cos(azimuth - phase)), before)
+        deviations.append(abs(wrap_deg(found.yaw_deg - 50)) / found.sigma_deg)
+    assert max(deviations) < 3  # up to 37 if the differences were noise
 
 
 def test_panoramas_with_nothing_in_common_are_uncertain():

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.display import named_tuple_text
 from omnisight.places.panorama_signature import Array, PanoramaSignature, normalized
+from omnisight.places.rotation_ambiguity import ambiguity, periodic, sector_edges
 
 # Samples of the correlation per column: its maximum is then within the basin of the refinement.
 OVERSAMPLING = 4
@@ -15,8 +16,6 @@ OVERSAMPLING = 4
 MAX_ITERATIONS, STEP_COLUMNS = 20, 1e-5
 # Halvings of a step that does not decrease the cost.
 MAX_HALVINGS = 5
-# Sectors of the panorama whose errors are regarded as independent.
-SECTORS = 12
 # Common columns below which a rotation is not considered.
 MIN_COMMON_COLUMNS = 8
 # References whose correlations are computed at once, which bounds the memory.
@@ -163,13 +162,13 @@ def estimate_rotation(
     start = _at_maximum(found)
     coarse = _refine(query.smoothed, reference.smoothed, start).parameters
     fit = _best_fit(query, reference, (start, coarse))
-    estimates = [_Estimate(fit, _total_variance(fit, found, start[0]))]
+    estimates = [_Estimate(fit, _total_variance(fit, query, reference))]
     power = _octave_power(fit.residuals)
     if power.all():
         white_query, white_reference = (each.filtered(1 / np.sqrt(power)) for each in (query, reference))
         correlated = correlations(white_query, [white_reference])[0]
         refit = _best_fit(white_query, white_reference, (fit.parameters, _at_maximum(correlated)))
-        estimates.append(_Estimate(refit, _total_variance(refit, correlated, refit.parameters[0])))
+        estimates.append(_Estimate(refit, _total_variance(refit, white_query, white_reference)))
         fit = min(estimates, key=lambda each: each.variance).fit
     columns = query.values.shape[1]
     degrees = 360.0 / columns
@@ -188,11 +187,11 @@ def _best_fit(query: PanoramaSignature, reference: PanoramaSignature, starts: Se
     return min((_refine(query, reference, start) for start in starts), key=lambda fit: fit.cost)
 
 
-def _total_variance(fit: _Fit, correlation: Array, maximum: float) -> float:
-    """Return the variance of the rotation of a fit, columns squared, that belongs to the peak near `maximum`."""
+def _total_variance(fit: _Fit, query: PanoramaSignature, reference: PanoramaSignature) -> float:
+    """Return the variance of the rotation of a fit, columns squared."""
     displacement = float(np.hypot(*fit.parameters[1:]))
-    ambiguity = _ambiguity(correlation, fit.residuals, maximum)
-    return _variance(fit) + (DISPLACEMENT_ERROR * displacement) ** 2 + ambiguity
+    other_maxima = ambiguity(query, reference, fit.residuals, float(fit.parameters[0]))
+    return _variance(fit) + (DISPLACEMENT_ERROR * displacement) ** 2 + other_maxima
 
 
 def _octave_power(residuals: Array) -> Array:
@@ -211,7 +210,7 @@ def _mixture_variance(estimates: Sequence[_Estimate], columns: int) -> float:
     best = min(estimates, key=lambda each: each.variance)
     variances = np.array([each.variance for each in estimates])
     rotations = np.array([each.fit.parameters[0] for each in estimates])
-    offsets = _periodic(rotations - best.fit.parameters[0], columns)
+    offsets = periodic(rotations - best.fit.parameters[0], columns)
     weights = 1 / np.maximum(variances, np.finfo(float).tiny)
     return float((weights / weights.sum()) @ (variances + offsets**2))
 
@@ -268,37 +267,9 @@ def _variance(fit: _Fit) -> float:
     scores = np.einsum("ahw,hw->wa", fit.jacobian, fit.residuals)
     flat = fit.jacobian.reshape(count, -1)
     influence = scores @ np.linalg.pinv(flat @ flat.T)[0]  # of each column on the rotation
-    edges = np.linspace(0, len(influence), min(SECTORS, len(influence)) + 1).astype(int)[:-1]
+    edges = sector_edges(len(influence))
     # Every start of the sectors is equally good.
     totals = [np.add.reduceat(np.roll(influence, k), edges) for k in range(int(np.diff(edges).max(initial=1)))]
     observed = float(np.mean(fit.residuals.any(axis=0)))  # share of the columns
     sectors = max(observed * len(edges), count + 1)
     return float(np.mean(np.square(totals)) * len(edges) * sectors / (sectors - count))
-
-
-def _ambiguity(correlation: Array, residuals: Array, maximum: float) -> float:
-    """Return the variance of the rotation, columns squared, because another peak than that at `maximum` may be right.
-
-    The likelihood of a maximum with the correlation c is (1 - c²)^(-N/2), where N is the number of independent
-    residuals: with the power spectrum S, (sum S)² / sum S².
-    """
-    columns = residuals.shape[1]
-    power = np.abs(np.fft.fft2(residuals)) ** 2
-    if not power.any():
-        return 0.0
-    independent = power.sum() ** 2 / (power**2).sum()
-    is_peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1)) & (correlation > 0)
-    peaks = np.flatnonzero(is_peak)
-    if not len(peaks):  # nothing in common: all rotations are equally likely
-        return columns**2 / 12
-    log_likelihood = -independent / 2 * np.log(np.clip(1 - correlation[peaks] ** 2, 1e-12, None))
-    probability = np.exp(log_likelihood - log_likelihood.max())
-    probability /= probability.sum()
-    nearest = peaks[np.abs(_periodic(peaks / OVERSAMPLING - maximum, columns)).argmin()]
-    offsets = _periodic((peaks - nearest) / OVERSAMPLING, columns)
-    return float((probability * offsets**2).sum())
-
-
-def _periodic(offsets: Array, columns: int) -> Array:
-    """Return offsets, columns, within half a turn."""
-    return offsets - columns * np.round(offsets / columns)
