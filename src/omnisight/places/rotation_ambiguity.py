@@ -1,5 +1,7 @@
 """Probability that the rotation between two panoramas is at another maximum of their correlation."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -54,7 +56,7 @@ def sector_edges(columns: int) -> NDArray[np.intp]:
     return np.linspace(0, columns, min(SECTORS, columns) + 1).astype(np.intp)[:-1]
 
 
-def periodic(offsets: NDArray[np.number], columns: int) -> Array:
+def periodic(offsets: NDArray[Any], columns: int) -> Array:
     """Return offsets, columns, within half a turn."""
     return offsets - columns * np.round(offsets / columns)
 
@@ -66,7 +68,7 @@ def _log_likelihood(query: PanoramaSignature, reference: PanoramaSignature, weig
     rotated = (column + column.T) % columns  # column of the reference at a column and rotation
     edges = sector_edges(columns)
 
-    def weighted(of_columns: NDArray[np.number]) -> Array:
+    def weighted(of_columns: NDArray[Any]) -> Array:
         return weights @ np.add.reduceat(of_columns, edges, axis=0)
 
     energy_q, energy_r = ((each.values**2).sum(axis=0) for each in (query, reference))
