@@ -144,10 +144,9 @@ def candidates() -> str:
     def linked(names: Sequence[str]) -> str:
         return ", ".join(f"[{name}](@/reference/models.md#{name})" for name in names)
 
-    wide = auto_models(math.pi / 2)
-    narrow = [name for name in auto_models(0.0) if name not in wide]
-    limits = {name: round(math.degrees(om.model_class(name).auto_max_theta)) for name in narrow}
-    return f"{linked(wide)}; {', '.join(f'up to {limits[name]}° off-axis also {linked([name])}' for name in narrow)}."
+    limits = {name: round(math.degrees(om.model_class(name).auto_max_theta)) for name in auto_models(0.0)}
+    limited = [f"up to {limit}° off-axis also {linked([name])}" for name, limit in limits.items() if limit < 180]
+    return f"{linked([name for name, limit in limits.items() if limit == 180])}; {', '.join(limited)}."
 
 
 def commands() -> str:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
+import numpy as np
+
 from omnisight.models._parameter import parameter
 from omnisight.models._planar_distortion import RadialDistortion, tangential_partials
 from omnisight.models._projector import Array, Partial
@@ -54,9 +56,13 @@ class ThinPrismFisheye(ThinPrismDistortion, EquidistantProfile):
 
     Valid while the planar distortion is injective, below 180 degrees. As COLMAP writes Weng, Cohen and Herniou's
     distortion (Camera calibration with distortion models and accuracy evaluation, PAMI 1992) for fisheyes.
+
+    A calibration estimates s1 and s2 only on request: to second order in theta, a small rotation of the camera frame
+    moves the principal point and adds multiples of (p1, p2) and (s1, s2) in the ratio 1 to -3. With both pairs free the
+    frame is hardly determined; with s = 0 it is, and only higher orders of a decentered lens are lost.
     """
 
-    auto_max_theta: ClassVar[float] = 0.0
+    auto_max_theta: ClassVar[float] = np.radians(125.0)  # the widest common fisheyes; mirrors see farther
 
     fx: float = parameter("focal length along x", unit="px")
     fy: float = parameter("focal length along y", unit="px")
@@ -68,8 +74,8 @@ class ThinPrismFisheye(ThinPrismDistortion, EquidistantProfile):
     p2: float = parameter("tangential distortion", prior_sigma=0.02, start_zero=True)
     k3: float = parameter("coefficient of theta^7", prior_sigma=2.0, truncated_start=True)
     k4: float = parameter("coefficient of theta^9", prior_sigma=2.0, truncated_start=True)
-    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02, start_zero=True)
-    s2: float = parameter("thin-prism distortion in y", prior_sigma=0.02, start_zero=True)
+    s1: float = parameter("thin-prism distortion in x", prior_sigma=0.02, start_zero=True, free=False)
+    s2: float = parameter("thin-prism distortion in y", prior_sigma=0.02, start_zero=True, free=False)
 
     @classmethod
     def example(cls) -> Self:
