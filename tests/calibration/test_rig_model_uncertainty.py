@@ -4,11 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from benchmarks.rig_scenes import RigScene, scene
+from benchmarks.rig_scenes import stereo as stereo_rig
 
 import omnisight as om
-from calibration.rig_corners import FISHEYE, rig_scene
+from calibration.rig_corners import FISHEYE, pose_errors, rig_scene
 from omnisight.calibration.free_parameters import FreeParameters
 from omnisight.calibration.rigs.model_uncertainty import model_covariance
+from omnisight.geometry import rotation as so3
 from omnisight.optim.levenberg_marquardt import minimize
 
 SHIFT_PX, PROBABILITY = 5.0, 0.25
@@ -68,3 +71,40 @@ def test_a_model_with_another_principal_point_adds_the_change_of_the_pose(stereo
 def test_known_cameras_add_nothing(stereo):
     estimate = stereo.estimate
     assert not model_covariance(estimate.problem, estimate.state, [(), ()]).any()
+
+
+def decentered_stereo():
+    """Return the stereo pair with tangential distortion, which no Kannala-Brandt camera has."""
+    rig = stereo_rig()
+    cameras = []
+    for camera, sign in zip(rig.cameras, (1, -1), strict=True):
+        values = camera.model.to_dict() | {"p1": sign * 6e-4, "p2": -8e-4, "s1": 0.0, "s2": 0.0}
+        cameras.append(dataclasses.replace(camera, model=om.model_class("thin_prism_fisheye").from_dict(values)))
+    return dataclasses.replace(rig, cameras=tuple(cameras))
+
+
+def test_the_uncertainty_contains_the_error_of_models_that_do_not_fit_the_lenses():
+    true = scene(decentered_stereo, 0.03, 20)
+    calibration = om.calibrate_rig(true.observe(np.random.default_rng(1), noise_px=0.1), FISHEYE)
+    (angle,), (length,) = pose_errors(calibration.rig, true.rig)
+    sigmas = calibration.sigmas("right")
+    assert angle < 2 * sigmas[0]
+    assert length < 2 * sigmas[1]
+    reasons = " ".join(calibration.reasons)
+    assert "The camera models are not exact" in reasons
+    assert "The board moved" not in reasons
+    assert str(calibration.verdict) != "good"
+
+
+def test_a_board_that_moves_is_no_error_of_the_models():
+    true, rng = rig_scene("stereo", 14), np.random.default_rng(3)
+    observations = {}
+    for name in true.rig.names:
+        poses = [
+            om.Pose(so3.exp(2e-3 * rng.normal(size=3)) @ pose.rotation, pose.translation + 5e-4 * rng.normal(size=3))
+            for pose in true.rig_from_board
+        ]
+        observations[name] = RigScene(true.rig, true.board, poses).observe(rng)[name]
+    calibration = om.calibrate_rig(observations, FISHEYE)
+    assert calibration.model_error is None
+    assert any("The board moved" in reason for reason in calibration.reasons)

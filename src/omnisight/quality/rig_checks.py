@@ -68,6 +68,9 @@ class RigEvidence:
         A camera or board that moved between two images, and its name.
     motion
         Standard deviations of the motion of the board between the exposures; None if it was at rest.
+    model_error
+        If the camera models are not exact, the camera whose pose changes most with splines in their place, the angle
+        (radians) and the distance. They then explain the motion, too.
     rotation_sigma_px
         For each camera the projection error due to the uncertainty of its rotation, px at an image width of 1000.
     rms, alone_rms
@@ -87,6 +90,7 @@ class RigEvidence:
     contradicting: Mapping[str, Sequence[str]]
     move: tuple[str, Move] | None
     motion: BoardMotion | None
+    model_error: tuple[str, float, float] | None
     rotation_sigma_px: Mapping[str, float]
     rms: Mapping[str, float]
     alone_rms: Mapping[str, float]
@@ -201,11 +205,20 @@ def _contradictions(evidence: RigEvidence) -> Check:
 
 
 def _board_motion(evidence: RigEvidence) -> Check:
-    """Check that the board was at rest."""
+    """Check that the board was at rest, and that the camera models are not the cause if it seems to have moved."""
     motion = evidence.motion
     if motion is None:
         return Check("board motion")
     unit, scale = ("mm", 1e3) if evidence.is_metric else ("squares", 1.0)
+    if evidence.model_error is not None:
+        name, angle, distance = evidence.model_error
+        return Check(
+            "camera models",
+            Level.USABLE,
+            f"The camera models are not exact near the image circle: with spline cameras the pose of {name} changes by"
+            f" {rounded(scale * distance)} {unit} and {rounded(np.degrees(angle))}°, and the poses of the board agree"
+            " between the cameras. The stated uncertainty includes this change: use another --model, such as spline.",
+        )
     times = "" if evidence.has_times else " specify --times,"
     return Check(
         "board motion",
@@ -224,11 +237,13 @@ def _rotation(evidence: RigEvidence) -> Check:
     level = Level(sum(int(not worst <= limit) for limit in MAX_ROTATION_SIGMA_PX))
     if not level:
         return Check("extrinsic uncertainty")
+    action = f"take more images with the board where {name} and another camera see it"
+    if evidence.model_error is not None:
+        action = "select a --model that fits the lenses"
     return Check(
         "extrinsic uncertainty",
         level,
-        f"The rotation of {name} is uncertain by {rounded(worst)} px (1σ, at an image width of 1000 px): take more"
-        f" images with the board where {name} and another camera see it.",
+        f"The rotation of {name} is uncertain by {rounded(worst)} px (1σ, at an image width of 1000 px): {action}.",
     )
 
 

@@ -1,6 +1,6 @@
-"""Uncertainty of the poses of a rig due to the choice of the camera models."""
+"""Uncertainty of the poses of a rig due to the camera models: their choice, and their errors."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 from omnisight.calibration.candidate import FOLD_TOLERANCE, Candidate
 from omnisight.calibration.model_averaging import not_rejected
 from omnisight.calibration.rigs.bundle import RigBundle
+from omnisight.calibration.rigs.consistency import deviations, scatter
+from omnisight.calibration.rigs.observations import RigObservations
 from omnisight.calibration.rigs.poses import Poses
+from omnisight.calibration.rigs.refinement import MIN_MOTION_SCATTER
 from omnisight.calibration.rigs.state import RigState
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
@@ -39,19 +42,59 @@ def model_covariance(problem: RigBundle, state: RigState, candidates: Sequence[S
     for camera, fitted in enumerate(candidates):
         total = sum(candidate.probability or 0.0 for candidate in not_rejected(fitted))
         for candidate in not_rejected(fitted[1:]):
-            refined = _with_model(problem, state, camera, candidate)
-            poses = zip(range(count), (state.sensor_from_rig.one(k) for k in range(count)), strict=True)
-            change = np.concatenate([refined.sensor_from_rig.steps_from(pose)[k] for k, pose in poses])
+            change = _change(state, _with_models(problem, state, {camera: candidate})[1]).ravel()
             covariance += (candidate.probability or 0.0) / total * np.outer(change, change)
     return covariance
 
 
-def _with_model(problem: RigBundle, state: RigState, camera: int, candidate: Candidate) -> RigState:
-    """Return the rig refined with another model of a camera."""
-    model, free = candidate.state.model, problem.free_parameters
-    directions = list(free.cameras)
-    directions[camera] = candidate.free_parameters.directions
-    problem = replace(problem, free_parameters=replace(free, cameras=tuple(directions)))
+def model_error(
+    problem: RigBundle, state: RigState, together: RigObservations, splines: Mapping[int, Candidate]
+) -> Array | None:
+    """Return the change (C, 6) of `sensor_from_rig`, in steps, if the cameras are splines and the boards at rest.
+
+    Errors of the camera models move the boards differently in each camera, as a motion between the exposures does. But
+    they are common to all images, so that neither the motion nor the scatter between images contains their effect on
+    the extrinsics. Splines fit any lens, and no motion: if the boards of the rig with splines agree, the models are the
+    cause, and the change is their effect. The result is None if the boards do not agree.
+
+    Parameters
+    ----------
+    problem, state
+        The least-squares problem with the selected models, without outliers, and its minimum.
+    together
+        The observations with the original groups.
+    splines
+        The spline of each camera that has one.
+    """
+    at_rest = replace(problem, motion=None)
+    refined_problem, refined = _with_models(at_rest, replace(state, motion=None), splines)
+    if scatter(deviations(refined_problem, refined, together)) > MIN_MOTION_SCATTER:
+        return None
+    return _change(state, refined)
+
+
+def _change(state: RigState, refined: RigState) -> Array:
+    """Return the steps (C, 6) from the poses of a rig to those of another one."""
+    poses = (state.sensor_from_rig.one(k) for k in range(len(state.models)))
+    return np.stack([refined.sensor_from_rig.steps_from(pose)[k] for k, pose in enumerate(poses)])
+
+
+def _with_models(
+    problem: RigBundle, state: RigState, candidates: Mapping[int, Candidate]
+) -> tuple[RigBundle, RigState]:
+    """Return the problem with other models of some cameras, and the rig refined with them."""
+    directions = list(problem.free_parameters.cameras)
+    start = state
+    for camera, candidate in candidates.items():
+        directions[camera] = candidate.free_parameters.directions
+        start = _with_model(problem, start, camera, candidate.state.model)
+    problem = replace(problem, free_parameters=replace(problem.free_parameters, cameras=tuple(directions)))
+    tolerance = FOLD_TOLERANCE * problem.free_parameters.count / problem.scale
+    return problem, minimize(problem, start, tolerance=tolerance, scale=problem.scale).state
+
+
+def _with_model(problem: RigBundle, state: RigState, camera: int, model: Projector) -> RigState:
+    """Return the state with another model of a camera, whose frame is aligned with that of the selected one."""
     turn = _frame_rotation(
         state.models[camera],
         model,
@@ -59,9 +102,7 @@ def _with_model(problem: RigBundle, state: RigState, camera: int, candidate: Can
     )
     models = list(state.models)
     models[camera] = model
-    start = _with_turned_frame(replace(state, models=tuple(models)), camera, turn)
-    tolerance = FOLD_TOLERANCE * problem.free_parameters.count / problem.scale
-    return minimize(problem, start, tolerance=tolerance, scale=problem.scale).state
+    return _with_turned_frame(replace(state, models=tuple(models)), camera, turn)
 
 
 def _frame_rotation(model: Projector, other: Projector, pixels: Sequence[Array]) -> Array:

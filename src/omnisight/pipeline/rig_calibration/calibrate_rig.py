@@ -6,9 +6,14 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.calibration.model_selection import CLAIM_SIGNIFICANCE
 from omnisight.calibration.rigs.cross_validation import held_out_lengths
 from omnisight.calibration.rigs.estimation import RigEstimate, Unconnected, estimate_rig
-from omnisight.calibration.rigs.model_uncertainty import model_covariance
+from omnisight.calibration.rigs.model_uncertainty import model_covariance, model_error
+from omnisight.camera import Camera
 from omnisight.choices import check_options
 from omnisight.extensions import did_you_mean_file
 from omnisight.images.collect import collect_images
@@ -30,6 +35,8 @@ from omnisight.pipeline.rig_calibration.unconnected_rig import explain_unconnect
 from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.targets.observations import Observations
+
+Array = NDArray[np.float64]
 
 
 def calibrate_rig(
@@ -123,10 +130,30 @@ def assess(
     unit = estimate.observations.parts[0].observations.unit
     rig = Rig(calibrated, poses, names, time_offsets=offsets, unit=unit)
     candidates = [() if camera.calibration is None else camera.calibration.candidates for camera in cameras]
-    models = model_covariance(estimate.problem, state, candidates)
-    rig = replace(rig, covariance=estimate.covariance.extrinsics + models)
+    covariance = estimate.covariance.extrinsics + model_covariance(estimate.problem, state, candidates)
+    change = _model_error(cameras, estimate)
+    if change is not None:
+        covariance += np.outer(change, change)
+    rig = replace(rig, covariance=covariance)
     held_out = held_out_lengths(estimate.problem, state)
-    rule = simultaneous.rule
-    result = RigCalibration(rig.subset(order), tuple(cameras), estimate, held_out, rule, pair_evidence(estimate))
+    rule, pairs = simultaneous.rule, pair_evidence(estimate)
+    result = RigCalibration(rig.subset(order), tuple(cameras), estimate, held_out, rule, pairs, change)
     provenance = {**tool_provenance(), "images": {c.name: c.images for c in cameras}}
     return replace(result, rig=replace(result.rig, calibration=result.figures(), provenance=provenance))
+
+
+def _model_error(cameras: Sequence[RigCamera], estimate: RigEstimate) -> Array | None:
+    """Return the effect of the errors of the camera models on the extrinsics; None without a sign of such errors."""
+    baselines = {
+        k: baseline
+        for k, camera in enumerate(cameras)
+        if camera.calibration is not None
+        and isinstance(camera.camera, Camera)
+        and (baseline := camera.calibration.quality.spline_baseline) is not None
+        and baseline.is_reliable
+    }
+    is_too_simple = any(b.is_significant and b.p_value < CLAIM_SIGNIFICANCE for b in baselines.values())
+    if not baselines or not (is_too_simple or estimate.problem.motion is not None):
+        return None
+    splines = {k: baseline.candidate for k, baseline in baselines.items()}
+    return model_error(estimate.problem, estimate.state, estimate.together, splines)

@@ -36,6 +36,9 @@ class RigCalibration(Displayed):
         What simultaneous images have in common: "name", "number", "order", "time" or "timestamp".
     pairs
         The pairs of cameras that share views.
+    model_error
+        (C, 6) change of `sensor_from_rig`, in steps, with spline cameras in place of the selected models, in the order
+        of `cameras`; None if there is no sign of an error of the models, or splines do not explain it.
     seconds
         Time spent on the cameras alone, on the rig, and in total.
     """
@@ -46,6 +49,7 @@ class RigCalibration(Displayed):
     held_out: list[Array]
     rule: str
     pairs: tuple[PairEvidence, ...]
+    model_error: Array | None = None
     seconds: dict[str, float] = field(default_factory=dict[str, float])
 
     def __repr__(self) -> str:
@@ -189,6 +193,7 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         contradicting,
         None if move is None else (estimate.name_of(move), move),
         estimate.problem.motion,
+        _largest_model_error(calibration),
         {name: _pixels_per_radian(sensor[name]) * calibration.sigmas(name)[0] / scale[name] for name in rig.names},
         {name: calibration.camera_rms(name) for name in rig.names},
         {camera.name: camera.rms for camera in calibration.cameras},
@@ -198,6 +203,15 @@ def rig_evidence(calibration: RigCalibration) -> RigEvidence:
         rig.unit == "m",
         estimate.observations.seconds is not None,
     )
+
+
+def _largest_model_error(calibration: RigCalibration) -> tuple[str, float, float] | None:
+    """Return the camera whose position changes most with spline cameras, the angle (radians) and the distance."""
+    if calibration.model_error is None:
+        return None
+    angles, distances = (np.linalg.norm(part, axis=1) for part in np.hsplit(calibration.model_error, 2))
+    k = int(np.argmax(distances))
+    return calibration.estimate.observations.names[k], float(angles[k]), float(distances[k])
 
 
 def _pixels_per_radian(camera: Any) -> float:

@@ -63,6 +63,11 @@ def _motion(data: RigReportData) -> Markup:
         ""
         if motion is None
         else (
+            "The poses of the board differ between the cameras, but not with spline cameras: the camera models are not"
+            " exact. The standard deviations above include the change of the poses."
+        )
+        if data.calibration.model_error is not None
+        else (
             f"The board moved between the exposures by about {scale * motion.translation:.2g} {unit} and"
             f" {np.degrees(motion.rotation):.2g}° (1σ of each component). The calibration has a motion of the board in"
             " each image, and the standard deviations above include it."
