@@ -83,3 +83,16 @@ def test_student_t_is_recovered_from_its_samples_and_its_information_is_that_of_
             centre = (weight[:, None] * sample).sum(0) / weight.sum()
         centres.append(centre)
     assert np.var(centres) * 50 * loss.information == pytest.approx(1.0, abs=0.12)
+
+
+@pytest.mark.parametrize("degrees", [2.0, 1e9])
+def test_student_t_is_recovered_from_residuals_of_one_and_two_dimensions(degrees):
+    rng = np.random.default_rng(2)
+    tails = np.sqrt(rng.chisquare(min(degrees, 1e5), 40000) / min(degrees, 1e5))
+    residuals = 0.7 * rng.normal(size=(40000, 2)) / tails[:, None]
+    residuals[10000:, 1] = 0
+    dimensions = np.where(np.arange(40000) < 10000, 2.0, 1.0)
+    shares = np.where(np.arange(40000) % 2, 0.5, 1.0)
+    loss = StudentT.fit((residuals**2).sum(axis=1), dimensions, shares)
+    assert loss.degrees == degrees
+    assert loss.sigma == pytest.approx(0.7, rel=0.03)

@@ -1,6 +1,7 @@
 """Robust losses: the cost of a residual length, and the weight for iteratively reweighted least squares."""
 
 from dataclasses import dataclass
+from math import lgamma
 from typing import Self
 
 import numpy as np
@@ -71,13 +72,32 @@ class StudentT:
     sigma: float = 1.0
 
     @classmethod
-    def fit(cls, squares: Array) -> Self:
-        """Estimate the distribution of residuals with squared lengths (N,) by maximum likelihood."""
-        finite = squares[np.isfinite(squares)]
-        if not len(finite) or not finite.any():
+    def fit(cls, squares: Array, dimensions: Array | float = 2.0, shares: Array | float = 1.0) -> Self:
+        """Estimate the distribution of residuals by maximum likelihood.
+
+        Parameters
+        ----------
+        squares
+            (N,) squared lengths; infinite ones are left out.
+        dimensions
+            (N,) 1 or 2.
+        shares
+            (N,) weights of the residuals: those of dependent ones are below 1.
+        """
+        finite = np.isfinite(squares) & (np.broadcast_to(shares, squares.shape) > 0)
+        dimensions, shares = (np.broadcast_to(each, squares.shape)[finite] for each in (dimensions, shares))
+        squares = squares[finite]
+        if not squares.any():
             return cls()
-        fitted = [cls(degrees, _scale(finite, degrees)) for degrees in DEGREES_OF_FREEDOM]
-        return min(fitted, key=lambda loss: loss.cost(finite) + 2 * len(finite) * np.log(loss.sigma))
+        fitted = [cls(degrees, _scale(squares, dimensions, shares, degrees)) for degrees in DEGREES_OF_FREEDOM]
+        return min(fitted, key=lambda loss: loss._negative_log_likelihood(squares, dimensions, shares))
+
+    def _negative_log_likelihood(self, squares: Array, dimensions: Array, shares: Array) -> float:
+        """Return the negative log-likelihood of residuals of one or two dimensions, up to a constant."""
+        normalized = np.log1p(squares / (self.degrees * self.sigma**2))
+        of_line = lgamma((self.degrees + 1) / 2) - lgamma(self.degrees / 2) - 0.5 * np.log(self.degrees / 2)
+        each = 0.5 * (self.degrees + dimensions) * normalized + dimensions * np.log(self.sigma)
+        return float((shares * (each - of_line * (dimensions == 1))).sum())
 
     def cost(self, squares: Array) -> float:
         """Return the cost of squared lengths (N,); an infinite one costs as much as a hundred times the scale."""
@@ -94,9 +114,10 @@ class StudentT:
         return (self.degrees + 2) / ((self.degrees + 4) * self.sigma**2)
 
 
-def _scale(squares: Array, degrees: float) -> float:
+def _scale(squares: Array, dimensions: Array, shares: Array, degrees: float) -> float:
     """Return the scale of maximum likelihood for given degrees of freedom, by expectation maximization."""
-    square = float(np.median(squares)) / RAYLEIGH_MEDIAN**2
+    square, total = float(np.median(squares / dimensions)), float((shares * dimensions).sum())
     for _ in range(SCALE_ROUNDS):
-        square = float(np.mean((degrees + 2) / (degrees + squares / max(square, 1e-300)) * squares)) / 2
+        weights = shares * (degrees + dimensions) / (degrees + squares / max(square, 1e-300))
+        square = float((weights * squares).sum()) / total
     return float(np.sqrt(square))

@@ -18,7 +18,7 @@ from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
-from omnisight.sfm.noise import noise_of_map, noise_of_pairs
+from omnisight.sfm.noise import noise_of_map
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
@@ -31,10 +31,7 @@ Indices = NDArray[np.intp]
 # Called with the number of frames in a map.
 Watch = Callable[[int], None]
 
-# Residuals of inliers in standard deviations of the noise of the map or of pairs of images, whichever is larger. The
-# noise of a map is measured on its inliers: where most points are in two images and many are wrong, poses fit ever
-# fewer of them ever better. With that of pairs, positions in rooms 2 to 4.6 m apart had errors of 0.01 % instead of
-# 0.065 %.
+# Residuals of inliers in units of the scale of the noise.
 MAX_RESIDUAL_SIGMA = 5.0
 # Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
 # that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
@@ -84,8 +81,6 @@ class Map:
         (Q,) of free cameras.
     measured
         What was measured in metres.
-    pair_noise
-        Noise of the keypoints by pairs of images, see `noise_of_pairs`.
     """
 
     images: RigImages
@@ -98,7 +93,6 @@ class Map:
     refines_sensors: bool = False
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
-    pair_noise: float = 0.0
 
     @property
     def has_scale(self) -> bool:
@@ -168,7 +162,7 @@ def map_images(
     while rest:
         first = _first_poses(replace(graph, edges=rest), distances, images)
         rest = [edge for edge in rest if edge.images not in first.contradicted]
-        start = _without_points(first, images, rest, refines_sensors)
+        start = _without_points(first, images, refines_sensors)
         is_moving = any(edge.has_translation for edge in rest)
         found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
@@ -212,7 +206,7 @@ def refine_poses(
 
     The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
     """
-    start = _without_points(first, images, edges, refines_sensors)
+    start = _without_points(first, images, refines_sensors)
     return _refined(start, _tracks(start, edges), watch)
 
 
@@ -224,12 +218,12 @@ def refine_with_ray_cameras(
     return _refined(exact, _tracks(exact, edges), watch)
 
 
-def _without_points(first: InitialPoses, images: RigImages, edges: Sequence[Edge], refines_sensors: bool) -> Map:
+def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
     """Return a map of some poses, without points."""
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
     no_points = np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
     poses = first.frames, first.rig_from_world, images.sensor_from_rig
-    return Map(images, *poses, *no_points, refines_sensors, values, pair_noise=noise_of_pairs(edges, images))
+    return Map(images, *poses, *no_points, refines_sensors, values)
 
 
 def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:
@@ -323,7 +317,7 @@ def _with_points(current: Map, tracks: Tracks) -> Map:
     origins = np.einsum("mji,mj->mi", rotations, images.origins[which] - translations)
     directions = np.einsum("mji,mj->mi", rotations, images.bearings[which])
     world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
-    limits = (MAX_RESIDUAL_SIGMA * max(current.noise.sigma, current.pair_noise)) ** 2, MIN_PARALLAX_RAD
+    limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
     points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
     arguments = *world_rays, *limits
     parallel_for(lambda a, b: triangulate_tracks(*arguments, a, b, points, inliers), len(tracks), TRACKS_PER_TASK)

@@ -1,52 +1,33 @@
-"""Noise of keypoints, in units of their stated standard deviations: by the residuals of maps and of pairs."""
+"""Noise of keypoints, in units of their stated standard deviations."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from omnisight.optim.loss import NORMAL_MEDIAN, StudentT
-from omnisight.parallel import parallel_map
+from omnisight.optim.loss import StudentT
+from omnisight.parallel import parallel_for
 from omnisight.sfm.bundle_adjustment import Bundle
-from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.linearized_bundle import POINTS_PER_TASK
 from omnisight.sfm.structure import Structure
-from omnisight.sfm.view_graph import Edge
-from omnisight.twoview.bearing_pairs import BearingPairs
-
-Array = NDArray[np.float64]
 
 
 def noise_of_map(bundle: Bundle, structure: Structure) -> StudentT:
-    """Return the distribution of the whitened residuals, corrected for the parameters that were fitted to them."""
-    fitted = StudentT.fit(bundle.squared_residuals(structure))
-    values = 2 * len(bundle.rays)
-    freedom = values - structure.points.size - bundle.parameters[2]
-    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(values / max(freedom, 1))))
+    """Return the distribution of the errors of observations: that of residuals corrected for the fitted parameters.
 
-
-def noise_of_pairs(edges: Sequence[Edge], images: RigImages) -> float:
-    """Return the median over edges of the standard deviation of the epipolar residuals; 0 without a translation.
-
-    Each pair of images has a relative pose of its own, so that errors of the map are no part of these residuals.
+    Points in two images have one residual for four coordinates: without the correction, errors of a normal distribution
+    look like those of one with half the standard deviation and heavy tails.
     """
+    from omnisight.sfm._noise_kernel import correct_for_points
 
-    def of_edge(edge: Edge) -> float:
-        from omnisight.optim._robust_problem_kernel import squared_residuals
-        from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
-
-        a, b = (images.offsets[image] + edge.pairs[:, side] for side, image in enumerate(edge.images))
-        covariance_a, covariance_b = (_covariances(images.axes[each]) for each in (a, b))
-        pairs = BearingPairs.of(images.bearings[a], images.bearings[b], covariance_a, covariance_b, None)
-        squares = squared_residuals(RelativePoseProblem.of(pairs), edge.b_from_a.matrix)
-        return float(np.sqrt(np.median(squares))) / NORMAL_MEDIAN
-
-    moving = [edge for edge in edges if edge.has_translation]
-    return float(np.median(parallel_map(of_edge, moving))) if moving else 0.0
-
-
-def _covariances(axes: Array) -> Array:
-    """Return the covariances (N, 3, 3) of bearings whose whitened components are those along axes (N, 2, 3)."""
-    transposed = axes.transpose(0, 2, 1)
-    inverse = np.linalg.inv(axes @ transposed)
-    return transposed @ inverse @ inverse @ axes
+    is_in_front = np.isfinite(bundle.squared_residuals(structure))
+    linearized = bundle.linearize(structure, is_in_front.astype(float))
+    squares, dimensions, shares = (np.empty(len(bundle.rays)) for _ in range(3))
+    arguments = bundle.starts, linearized.residuals, linearized.by_point
+    parallel_for(
+        lambda first, last: correct_for_points(*arguments, first, last, squares, dimensions, shares),
+        len(structure.points),
+        POINTS_PER_TASK,
+    )
+    fitted = StudentT.fit(np.where(is_in_front, squares, np.inf), dimensions, shares)
+    values = 2 * len(bundle.rays) - structure.points.size
+    return replace(fitted, sigma=fitted.sigma * float(np.sqrt(values / max(values - bundle.parameters[2], 1))))
