@@ -84,7 +84,7 @@ def _inverse_of_point(by_point, residuals, first, last, damping, inverse, gradie
 
 
 @njit_helper
-def _block_origin(layout, high, low):
+def block_origin(layout, high, low):
     """Return the address that the value of row 0 and column 0 would have in the block of two groups, and its width."""
     starts, row_starts, block_columns, offsets = layout
     width = starts[low + 1] - starts[low]
@@ -174,7 +174,7 @@ def reduce_points(
                         group, of_other = groups[i, p], groups[j, q]
                         if group < 0 or of_other < 0:
                             continue
-                        origin, width = _block_origin(layout, max(group, of_other), min(group, of_other))
+                        origin, width = block_origin(layout, max(group, of_other), min(group, of_other))
                         row, column = columns[i, parts[p]], columns[j, parts[q]]
                         if (
                             row != column
@@ -283,7 +283,7 @@ def point_covariances(
                         group, of_other = groups[start + m, p], groups[start + other, q]
                         if group < 0 or of_other < 0:
                             continue
-                        origin, width = _block_origin(layout, max(group, of_other), min(group, of_other))
+                        origin, width = block_origin(layout, max(group, of_other), min(group, of_other))
                         for r in range(parts[p], parts[p + 1]):
                             row = columns[start + m, r]
                             for c in range(parts[q], parts[q + 1]):

@@ -220,8 +220,7 @@ class Bundle:
         freedom = max(values - self.parameters[2], 1)
         # Few observations of a point do not average the tails: its noise is the variance of the residuals.
         noise = self.loss.information * float(squares[used].sum()) / freedom
-        gradients = self.linearize(state).gradients() * np.sqrt(values / freedom)
-        return self.linearize(state, weights).covariances(gradients, noise)
+        return self.linearize(state, weights).covariances(self.linearize(state).gradients(), noise)
 
     def move(self, state: Structure, step: Array) -> Structure:
         """Return the structure moved by a step."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
-from scipy.sparse import coo_array, csr_array, hstack
+from scipy.sparse import coo_array, csr_array, diags_array, hstack
 
 from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
 from omnisight.optim.conjugate_gradients import conjugate_gradients
@@ -22,6 +22,8 @@ POINTS_PER_TASK = 2048
 # Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
 # means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
+# Leverage beyond which the residuals of a point are those of unfinished iterations.
+MAX_LEVERAGE = 0.999
 # Least damping of the preconditioner: with points divided between few cameras it can be singular.
 PRECONDITIONER_DAMPING = 1e-8
 
@@ -250,22 +252,47 @@ class LinearizedBundle:
         LinAlgError
             If the observations do not determine the cameras.
         """
-        from omnisight.sfm._bundle_kernel import point_covariances
-
         factor = self.factor(self.reduced().matrix)
         inverse = factor.inverse()
         if gradients is not None:
+            unbiased = gradients @ diags_array(1 / np.sqrt(1 - self._leverages(inverse, gradients.shape[1])))
             # Only the variances, because the correlations of few points are inaccurate.
-            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, gradients) / inverse.diagonal))
-        points, cameras = np.empty((len(self.starts) - 1, 3, 3)), self.cameras
-        indices = self.starts, cameras.columns, cameras.groups, cameras.parts
-        of_cameras = cameras.layout, inverse.values
+            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, csr_array(unbiased)) / inverse.diagonal))
+        return inverse, self._point_covariances(inverse, noise)
+
+    def _point_covariances(self, cameras: BlockMatrix, noise: float) -> Array:
+        """Return the covariances (P, 3, 3) of the points for those of the cameras, and a variance of the residuals."""
+        from omnisight.sfm._bundle_kernel import point_covariances
+
+        points = np.empty((len(self.starts) - 1, 3, 3))
+        indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
+        of_cameras = self.cameras.layout, cameras.values
         parallel_for(
             lambda first, last: point_covariances(*indices, *self._jacobian, *of_cameras, noise, first, last, points),
             len(points),
             POINTS_PER_TASK,
         )
-        return inverse, points
+        return points
+
+    def _leverages(self, cameras: BlockMatrix, count: int) -> Array:
+        """Return the leverages (G,) of the points, and zeros for the other gradients, given the covariances of cameras.
+
+        A point whose leverage is h has residuals with 1 - h of the variance of its errors, because the cameras are
+        fitted to it; where few points connect cameras, robust variances without this correction are too small (J.
+        MacKinnon, H. White, Some heteroskedasticity-consistent covariance matrix estimators with improved finite sample
+        properties, 1985).
+        """
+        from omnisight.sfm._leverage_kernel import point_leverages
+
+        leverages, moved = np.zeros(count), self._point_covariances(cameras, 0.0)
+        indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
+        of_cameras = self.cameras.layout, cameras.values
+        parallel_for(
+            lambda first, last: point_leverages(*indices, *self._jacobian, *of_cameras, moved, first, last, leverages),
+            len(moved),
+            POINTS_PER_TASK,
+        )
+        return np.clip(leverages, 0.0, MAX_LEVERAGE)
 
 
 def _sandwich_variances(factor: MultifrontalFactor, gradients: csr_array) -> Array:
