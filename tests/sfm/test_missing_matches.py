@@ -13,6 +13,7 @@ from omnisight.sfm.missing_matches import (
     MIN_SUPPORT,
     KnownPoints,
     Links,
+    PredictedMatches,
     contradicted_links,
     missing_matches,
     predicted_matches,
@@ -66,7 +67,9 @@ def matched(keypoints):
 
 def contradicted_pairs(edges, keypoints):
     moving = [edge for edge in edges if edge.has_translation]
-    lacking = missing_matches(predicted_matches_of_edges(moving, PointDistances(keypoints)))
+    lacking = missing_matches(
+        [edge.images for edge in moving], predicted_matches_of_edges(moving, PointDistances(keypoints))
+    )
     return {edge.images for edge, lack in zip(moving, lacking, strict=True) if lack}
 
 
@@ -164,3 +167,15 @@ def test_predicted_matches_are_those_of_unhidden_points_in_similar_directions():
     turned = Pose(np.eye(3), np.array([0.0, 0.0, 0.5]))
     assert 1000 < predicted_matches(near, near, turned, pairs).predicted < 2000
     assert predicted_matches(near, far, Pose(), pairs).predicted < 1001  # the far points are behind the near ones
+
+
+def test_most_pairs_can_be_of_places_that_look_alike():
+    """In three rooms, images 2 m apart have most matches, but few are predicted; wrong poses predict many."""
+    rooms = [(0, 1), (2, 3), (4, 5)]
+    between = [pair for pair in combinations(range(6), 2) if pair not in rooms]
+    right = PredictedMatches(predicted=100.0, found=60.0, matches=400, keypoints=4000)
+    wrong = PredictedMatches(predicted=1000.0, found=148.0, matches=150, keypoints=4000)
+    lacking = missing_matches(rooms + between, [right] * len(rooms) + [wrong] * len(between))
+    assert len(between) == 12
+    assert (lacking[:3] == 0).all()
+    np.testing.assert_allclose(lacking[3:], 0.6 * 1000 - 148)

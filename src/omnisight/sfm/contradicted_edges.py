@@ -29,7 +29,8 @@ def without_contradicted_edges(graph: ViewGraph, points: PointDistances, images:
         moving = [e for e in graph.edges if e.has_translation and images.frame[e.a] != images.frame[e.b]]
         predictions = predicted_matches_of_edges(moving, points)
         support |= zip(moving, supporting_matches(moving, predictions).tolist(), strict=True)
-        contradicted = {edge for edge, lack in zip(moving, missing_matches(predictions), strict=True) if lack}
+        lacking = missing_matches([edge.images for edge in moving], predictions)
+        contradicted = {edge for edge, lack in zip(moving, lacking, strict=True) if lack}
         if not contradicted:
             break
         for edge in contradicted:

@@ -131,7 +131,7 @@ class _Placement:
             b_from_a = poses[b] @ poses[a].inverse()
             return predicted_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, no_matches))
 
-        lacking = missing_matches(parallel_map(predict, pairs))
+        lacking = missing_matches(pairs, parallel_map(predict, pairs))
         suspicious = np.flatnonzero(lacking)
         linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
         unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]

@@ -282,7 +282,7 @@ def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
         return predicted_matches(known[a], known[b], poses[b] @ poses[a].inverse(), matches.get(pair, no_matches))
 
     predictions = parallel_map(predict, pairs)
-    lacking, agreeing = missing_matches(predictions), np.array([each.found for each in predictions])
+    lacking, agreeing = missing_matches(pairs, predictions), np.array([each.found for each in predictions])
     ends, contradicted = row[np.array(pairs, np.intp).reshape(-1, 2)], np.zeros(len(found.frames), bool)
     while True:
         use = ~contradicted[ends].any(axis=1)

@@ -107,12 +107,15 @@ class PredictedMatches(NamedTuple):
         Number if all keypoints were detected in both images.
     found
         Number of matches among them.
+    matches
+        Number of all matches of the pair.
     keypoints
         The smaller number of keypoints of the two images.
     """
 
     predicted: float
     found: float
+    matches: int
     keypoints: int
 
 
@@ -134,11 +137,12 @@ def predicted_matches_of_edges(edges: Sequence[Edge], points: PointDistances) ->
 def predicted_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Pose, pairs: Indices) -> PredictedMatches:
     """Return the matches of two images that their relative pose predicts, and how many of them are pairs (M, 2)."""
     if a is None or b is None:
-        return PredictedMatches(0.0, 0.0, 0)
+        return PredictedMatches(0.0, 0.0, 0, 0)
     in_a, of_a = a.visible_from(b, b_from_a)
     in_b, of_b = b.visible_from(a, b_from_a.inverse())
     found = np.isin(pairs[:, 0], in_a).sum() + np.isin(pairs[:, 1], in_b).sum()
-    return PredictedMatches(0.5 * (of_a + of_b), 0.5 * float(found), min(len(a.keypoint), len(b.keypoint)))
+    keypoints = min(len(a.keypoint), len(b.keypoint))
+    return PredictedMatches(0.5 * (of_a + of_b), 0.5 * float(found), len(pairs), keypoints)
 
 
 def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> PredictedMatches:
@@ -156,10 +160,10 @@ def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> Pre
     return predicted_matches(a, b, Pose(edge.b_from_a.rotation), edge.pairs)
 
 
-def missing_matches(predictions: Sequence[PredictedMatches]) -> Array:
+def missing_matches(pairs: Sequence[tuple[int, int]], predictions: Sequence[PredictedMatches]) -> Array:
     """Return the number of matches (N,) that pairs of images lack for their relative poses; 0 if not significant."""
-    predicted, found, keypoints = np.array(predictions, float).reshape(-1, 3).T
-    repeatability = _repeatability(predicted, found)
+    predicted, found, _, keypoints = np.array(predictions, float).reshape(-1, 4).T
+    repeatability = _repeatability(pairs, predictions)
     expected = repeatability * predicted
     least = np.maximum(MIN_EXPECTED, MIN_VISIBLE_SHARE * repeatability * keypoints)
     return np.where((expected >= least) & (found < MIN_SHARE * expected), expected - found, 0.0)
@@ -171,23 +175,28 @@ def supporting_matches(edges: Sequence[Edge], predictions: Sequence[PredictedMat
     Facades that look alike have hundreds of matches, but half of those that one place has: in a rendered town, edges
     between different places have up to 0.54 of the expected matches, and those of images 2 m apart 0.86 or more.
     """
-    predicted, found, _ = np.array(predictions, float).reshape(-1, 3).T
-    missing = np.maximum(_repeatability(predicted, found) * predicted - found, 0.0)
+    predicted, found, _, _ = np.array(predictions, float).reshape(-1, 4).T
+    missing = np.maximum(_repeatability([edge.images for edge in edges], predictions) * predicted - found, 0.0)
     return np.maximum([len(edge.pairs) for edge in edges] - missing, MIN_SUPPORT)
 
 
-def _repeatability(predicted: Array, found: Array) -> float:
-    """Return the share of the predicted keypoints that match: the median of the pairs, weighted by their matches.
+def _repeatability(pairs: Sequence[tuple[int, int]], predictions: Sequence[PredictedMatches]) -> float:
+    """Return the share of the predicted keypoints that match: the median of some pairs, weighted by their matches.
 
-    Pairs in wrong places have few matches.
+    It is the pair of each image with most matches. These pairs are right where most others are wrong, such as 80 of 100
+    pairs of images 2 to 4.6 m apart in rooms with the same furniture.
     """
-    use = np.flatnonzero(predicted >= MIN_EXPECTED)
+    predicted, found, matches, _ = np.array(predictions, float).reshape(-1, 4).T
+    order = np.argsort(-matches, kind="stable")
+    ends = np.array(pairs, np.intp).reshape(-1, 2)[order]
+    best = np.unique(order[np.unique(ends, return_index=True)[1] // 2])
+    use = best[predicted[best] >= MIN_EXPECTED]
     if not found[use].any():
         return MIN_REPEATABILITY
     share = found[use] / predicted[use]
-    order = np.argsort(share)
-    total = np.cumsum(found[use][order])
-    median = share[order][np.searchsorted(total, 0.5 * total[-1])]
+    rank = np.argsort(share)
+    total = np.cumsum(matches[use][rank])
+    median = share[rank][np.searchsorted(total, 0.5 * total[-1])]
     return float(np.clip(median, MIN_REPEATABILITY, 1.0))
 
 

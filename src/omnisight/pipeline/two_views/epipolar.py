@@ -209,7 +209,7 @@ def _lack_of_matches(keypoints: tuple[Keypoints, Keypoints], matches: Matches, p
     assert pose.b_from_a is not None
     edge = Edge(0, 1, pose.b_from_a, pose.covariance, pose.motion.name, matches.pairs[pose.inliers])
     prediction = predicted_matches_of_edge(edge, keypoints)
-    if not missing_matches([prediction])[0]:
+    if not missing_matches([edge.images], [prediction])[0]:
         return ""
     return (
         f"the pose lacks matches: from there, both images would show {prediction.predicted:.0f} keypoints, and "
