@@ -242,7 +242,7 @@ class LinearizedBundle:
         Parameters
         ----------
         gradients
-            (C, G) independent parts of the gradient by the cameras, for their variances; by default the inverse of the
+            (C, P + R) gradients of the points and of the prior, for robust variances; by default the inverse of the
             information.
         noise
             Variance of the residuals: the factor of the part of the points' own observations.
@@ -255,7 +255,7 @@ class LinearizedBundle:
         factor = self.factor(self.reduced().matrix)
         inverse = factor.inverse()
         if gradients is not None:
-            unbiased = gradients @ diags_array(1 / np.sqrt(1 - self._leverages(inverse, gradients.shape[1])))
+            unbiased = gradients @ diags_array(1 / np.sqrt(1 - self._leverages(inverse)))
             # Only the variances, because the correlations of few points are inaccurate.
             inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, csr_array(unbiased)) / inverse.diagonal))
         return inverse, self._point_covariances(inverse, noise)
@@ -274,8 +274,8 @@ class LinearizedBundle:
         )
         return points
 
-    def _leverages(self, cameras: BlockMatrix, count: int) -> Array:
-        """Return the leverages (G,) of the points, and zeros for the other gradients, given the covariances of cameras.
+    def _leverages(self, cameras: BlockMatrix) -> Array:
+        """Return the leverages (P + R,) of the points, and zeros for the prior, given the covariances of the cameras.
 
         A point whose leverage is h has residuals with 1 - h of the variance of its errors, because the cameras are
         fitted to it; where few points connect cameras, robust variances without this correction are too small (J.
@@ -284,7 +284,8 @@ class LinearizedBundle:
         """
         from omnisight.sfm._leverage_kernel import point_leverages
 
-        leverages, moved = np.zeros(count), self._point_covariances(cameras, 0.0)
+        moved = self._point_covariances(cameras, 0.0)
+        leverages = np.zeros(len(moved) + len(self.prior.residuals))
         indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
         of_cameras = self.cameras.layout, cameras.values
         parallel_for(
