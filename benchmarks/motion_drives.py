@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.simulation import Renderer, Scene, fisheye_setup, mirror_setup, scene_named
 from omnisight.simulation.example_rigs import back_to_back
+from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
 from omnisight.simulation.preset_motion import DRIVE, Route, preset_trajectory
 from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
@@ -21,18 +22,43 @@ FPS = 10.0
 BLOCK = ((7, 0, -1.7), (61, -0.4, -1.7), (69.7, -0.4, -1.7), (69.7, -0.5, 7), (69.7, -1.2, 43), (69.7, -1.2, 51.7))
 BLOCK = (*BLOCK, (61, -1.2, 51.7), (7, -1.2, 51.7), (-1.7, -1.2, 51.7), (-1.7, -1.2, 43), (-1.7, 0, 7), (-1.7, 0, -1.7))
 LANES = tuple((x, 0.0, z) for x, z in ((1, -30), (1, 10), (1, 52), (0, 55), (-1, 52), (-1, 10), (-1, -30), (0, -33)))
-ROUTES = {"block": ("town", Route(BLOCK, 7.0, DRIVE)), "street": ("street", Route(LANES, 2.0, DRIVE))}
+# Scenes of the drives, and routes through them; None is the preset loop at walking pace: circles in the room, or a walk
+# through the corridor and all six rooms of the flat.
+ROUTES: dict[str, tuple[str, Route | None]] = {
+    "block": ("town", Route(BLOCK, 7.0, DRIVE)),
+    "street": ("street", Route(LANES, 2.0, DRIVE)),
+    "room": ("room", None),
+    "flat": ("rooms", None),
+}
+# Exposures, which alternate: each step changes the light by a factor of two.
+EXPOSURES_STOPS, EXPOSURE_INTERVAL_S = (0.5, -0.5), 10.0
 # Distance of the cameras of the rig, metres: those of a car.
 RIG_BASELINE_M = 0.5
+# Rays per side of a pixel.
+SAMPLES = 2
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A rendered drive: route, camera and number of images."""
+    """A rendered drive.
+
+    Attributes
+    ----------
+    route, camera
+        Names of the route and the camera.
+    count
+        Number of images.
+    width
+        Width of the images of a fisheye or a mirror, px.
+    exposure_time
+        Duration of the exposure, seconds, for motion blur; the exposure then also changes in steps. 0 for sharp images.
+    """
 
     route: str
     camera: str
     count: int
+    width: int = 640
+    exposure_time: float = 0.0
 
     @property
     def name(self) -> str:
@@ -51,33 +77,57 @@ class Drive:
             return back_to_back(480, apart=RIG_BASELINE_M)
         if self.camera == "sphere":
             return om.sphere(960)
-        setup = fisheye_setup(640) if self.camera == "fisheye" else mirror_setup(640)
+        setup = fisheye_setup(self.width) if self.camera == "fisheye" else mirror_setup(self.width)
         return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
 
     @property
     def trajectory(self) -> Trajectory:
         """The poses world_from_rig of the images."""
-        _, route = ROUTES[self.route]
         times = np.arange(self.count) / FPS
-        level = preset_trajectory("loop", ((0, 0, 0), (1, 1, 1)), times[-1], route)
+        return Trajectory(times, tuple(self.motion.at(time) for time in times))
+
+    @cached_property
+    def motion(self) -> Trajectory:
+        """The poses world_from_rig at short steps of time."""
+        level = preset_trajectory("loop", self.scene.free, self.count / FPS, ROUTES[self.route][1] or self.scene.route)
         up = Pose(look(up="back" if self.camera == "mirror" else "top"))
-        return Trajectory(times, tuple(level.at(time) @ up for time in times))
+        return Trajectory(level.times, tuple(pose @ up for pose in level.poses))
+
+    def exposure(self, k: int) -> float:
+        """Return the exposure of an image, stops."""
+        return EXPOSURES_STOPS[int(k / FPS / EXPOSURE_INTERVAL_S) % 2] if self.exposure_time else 0.0
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return scene_of(ROUTES[self.route][0])
 
 
 def render(drive: Drive) -> Path:
     """Return the folder of a drive; render the images that it lacks."""
-    folder, trajectory, scene = drive.folder, drive.trajectory, scene_of(ROUTES[drive.route][0])
+    folder, body = drive.folder, drive.body
     folder.mkdir(parents=True, exist_ok=True)
-    body = drive.body
     om.save(body, folder / ("rig.json" if isinstance(body, om.Rig) else "camera.json"))
-    for k, pose in enumerate(trajectory.poses):
-        for sensor, (path, camera, place) in enumerate(_views(folder, body, k, pose)):
+    for k in range(drive.count):
+        for sensor, (path, camera, mounted) in enumerate(_views(folder, body, k)):
             if not path.exists():
                 path.parent.mkdir(exist_ok=True)
-                renderer = Renderer(camera, place, scene, theta=(camera.theta_min or 0.0, camera.theta_max or np.pi))
-                om.write_image(path, renderer(rng=np.random.default_rng((k, sensor))).image)
-    write_trajectory(folder / "poses.txt", trajectory)
+                rng = np.random.default_rng((k, sensor))
+                om.write_image(path, _renderer(drive, camera, mounted, k)(rng=rng, exposure=drive.exposure(k)).image)
+    write_trajectory(folder / "poses.txt", drive.trajectory)
     return folder
+
+
+def _renderer(drive: Drive, camera: om.Camera, rig_from_camera: Pose, k: int) -> Renderer:
+    """Return the renderer of an image of a camera of a drive."""
+    time, shutter = k / FPS, list[float]()
+    if drive.exposure_time:
+        window = time, drive.exposure_time
+        length = blurred_exposure(camera, drive.motion, rig_from_camera, drive.scene, window)
+        shutter = shutter_times(length, SAMPLES, *window)
+    poses = [drive.motion.at(moment) @ rig_from_camera for moment in (time, *shutter)]
+    theta = camera.theta_min or 0.0, camera.theta_max or np.pi
+    return Renderer(camera, poses[0], drive.scene, theta=theta, samples=SAMPLES, shutter_poses=poses[1:])
 
 
 @cache
@@ -86,11 +136,11 @@ def scene_of(name: str) -> Scene:
     return scene_named(name)
 
 
-def _views(folder: Path, body: om.Camera | om.Rig, k: int, pose: Pose) -> Iterator[tuple[Path, om.Camera, Pose]]:
-    """Yield file, camera and pose world_from_camera of the images of a frame."""
+def _views(folder: Path, body: om.Camera | om.Rig, k: int) -> Iterator[tuple[Path, om.Camera, Pose]]:
+    """Yield file, camera and pose rig_from_camera of the images of a frame."""
     if isinstance(body, om.Rig):
         for name, camera, mounted in zip(body.names, body.cameras, body.sensor_from_rig, strict=True):
             assert isinstance(camera, om.Camera)
-            yield folder / name / f"{k:05d}.jpg", camera, pose @ mounted.inverse()
+            yield folder / name / f"{k:05d}.jpg", camera, mounted.inverse()
     else:
-        yield folder / "images" / f"{k:05d}.jpg", body, pose
+        yield folder / "images" / f"{k:05d}.jpg", body, Pose()

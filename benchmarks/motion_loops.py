@@ -1,4 +1,4 @@
-"""Loop closing on rendered drives that return to their start: `python -m benchmarks motion --loops`."""
+"""Loop closing on rendered drives and walks that return to places: `python -m benchmarks motion --loops`."""
 
 import time
 from collections.abc import Sequence
@@ -18,6 +18,8 @@ DRIVES = (
     Drive("block", "rig", 450),
     Drive("street", "sphere", 400),
     Drive("street", "mirror", 400),
+    Drive("room", "fisheye", 700, width=800),
+    Drive("flat", "fisheye", 1080, width=800, exposure_time=0.01),
 )
 # Share of the images that must have a pose.
 MIN_COVERAGE = 0.99
