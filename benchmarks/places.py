@@ -24,6 +24,7 @@ from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.images import to_gray8
 from omnisight.places.place_index import MAX_KEYPOINTS
 from omnisight.places.vocabulary import Kind
+from omnisight.progress import no_progress
 from omnisight.sfm.view_graph import overlapping_pairs
 from omnisight.simulation import scene_named
 
@@ -49,7 +50,7 @@ def select_pairs(name: str, keypoints: Sequence[Keypoints], overlap: Array) -> N
     methods: dict[str, Callable[[], Pairs]] = {
         "`similar_pairs`, 10 neighbours": lambda: om.similar_pairs(keypoints, 10),
         "`similar_pairs`, 20 neighbours": lambda: om.similar_pairs(keypoints, 20),
-        "matches of the 300 strongest": lambda: overlapping_pairs(keypoints, every, lambda done, total: None),
+        "matches of the 300 strongest": lambda: overlapping_pairs(keypoints, every, no_progress),
     }
     for method, select in methods.items():
         start = time.perf_counter()

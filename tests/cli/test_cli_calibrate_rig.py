@@ -10,6 +10,7 @@ from clips import rendered_clip, write_clip
 from omnisight.geometry import rotation as so3
 from omnisight.pipeline.rig_calibration.rig_sources import named_sources, with_common_frames
 from omnisight.pipeline.rig_calibration.simultaneous_views import read_times, simultaneous_views
+from omnisight.progress import no_progress
 from pace import assert_quick
 
 KEYS = ("cameras", "sensor_from_rig", "pairs", "rms", "verdict", "reasons", "seconds")
@@ -132,7 +133,7 @@ def test_frames_of_clips_that_start_at_different_times_are_those_of_the_same_tim
     rows = [f"{name},{k - (start if name == 'b' else 0)},{k / rate}" for name in clips for k in range(len(images))]
     (tmp_path / "times.csv").write_text("\n".join(["camera,frame,seconds", *(row for row in rows if ",-" not in row)]))
     options = om.CalibrateRigOptions(pattern="9x6", times=tmp_path / "times.csv")
-    frames = with_common_frames(clips, options, lambda stage, done, total: None)
+    frames = with_common_frames(clips, options, no_progress)
     a, b = ({int(path.stem[-6:]) for path in frames[name]} for name in clips)
     assert len(b) > 4
     assert {k for k in a if k >= start} == {k + start for k in b}

@@ -80,7 +80,7 @@ def doctor(
     if images is None:
         return Diagnosis(tuple(check() for check in installation_checks.all_checks()))
     sequence = FrameSequence.open(Path(images), (), options)
-    recording = _examine(sequence, camera, options, progress or (lambda stage, done, total: None))
+    recording = _examine(sequence, camera, options, progress)
     findings = tuple(check(recording) for check in recording_checks.all_checks())
     return Diagnosis(findings, recording.static_region)
 

@@ -116,7 +116,7 @@ def live_odometry(
     sequence = FrameSequence.live(str(source), options)
     _refuse_inputs(output, [source, camera], options)
     body = _body(CameraSources.of(camera, None, None), sequence, options)
-    return _run(sequence, body, options, output, watch, lambda stage, done, total: None)
+    return _run(sequence, body, options, output, watch, no_progress)
 
 
 def _run(

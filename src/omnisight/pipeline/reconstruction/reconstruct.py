@@ -312,4 +312,4 @@ def _with_known_poses(edges: Sequence[Edge], images: RigImages, keypoints: Seque
     """Return the edges, where those between images of one frame have the poses of the rig."""
     together = [(edge.a, edge.b) for edge in edges if images.frame[edge.a] == images.frame[edge.b]]
     others = [edge for edge in edges if images.frame[edge.a] != images.frame[edge.b]]
-    return others + match_pairs(keypoints, together, lambda done, total: None, images.known_pose).edges
+    return others + match_pairs(keypoints, together, no_progress, images.known_pose).edges
