@@ -84,9 +84,9 @@ class StudentT:
         shares
             (N,) weights of the residuals: those of dependent ones are below 1.
         """
-        finite = np.isfinite(squares) & (np.broadcast_to(shares, squares.shape) > 0)
-        dimensions, shares = (np.broadcast_to(each, squares.shape)[finite] for each in (dimensions, shares))
-        squares = squares[finite]
+        squares, dimensions, shares = np.broadcast_arrays(squares, dimensions, shares)
+        use = np.isfinite(squares) & (shares > 0)
+        squares, dimensions, shares = squares[use], dimensions[use], shares[use]
         if not squares.any():
             return cls()
         fitted = [cls(degrees, _scale(squares, dimensions, shares, degrees)) for degrees in DEGREES_OF_FREEDOM]

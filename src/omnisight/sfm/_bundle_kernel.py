@@ -78,7 +78,7 @@ def linearize(
 
 
 @njit_helper
-def _inverse_of_point(by_point, residuals, first, last, damping, inverse, gradient):
+def inverse_of_point(by_point, residuals, first, last, damping, inverse, gradient):
     """Fill the inverse (3, 3) of the damped information of a point, and its gradient (3,)."""
     damped_inverse(information_of_point(by_point, residuals, first, last, gradient), damping, inverse)
 
@@ -151,7 +151,7 @@ def reduce_points(
     size = columns.shape[1]
     for n in range(first, last):
         start, end = starts[n], starts[n + 1]
-        _inverse_of_point(by_point, residuals, start, end, damping, inverse, gradient)
+        inverse_of_point(by_point, residuals, start, end, damping, inverse, gradient)
         for m in range(end - start):
             i = start + m
             for r in range(size):
@@ -226,7 +226,7 @@ def solve_points(starts, columns, residuals, by_camera, by_point, damping, first
     """Fill the steps (P, 3) of the points first ... last, given that of the cameras (C,)."""
     inverse, gradient = np.empty((3, 3)), np.empty(3)
     for n in range(first, last):
-        _inverse_of_point(by_point, residuals, starts[n], starts[n + 1], damping, inverse, gradient)
+        inverse_of_point(by_point, residuals, starts[n], starts[n + 1], damping, inverse, gradient)
         for i in range(starts[n], starts[n + 1]):
             for k in range(2):
                 moved = 0.0
@@ -266,7 +266,7 @@ def point_covariances(
     inverse, gradient = np.empty((3, 3)), np.empty(3)
     for n in range(first, last):
         start, end = starts[n], starts[n + 1]
-        _inverse_of_point(by_point, residuals, start, end, 0.0, inverse, gradient)
+        inverse_of_point(by_point, residuals, start, end, 0.0, inverse, gradient)
         gains = np.zeros((end - start, size, 3))
         for m in range(end - start):
             for r in range(size):

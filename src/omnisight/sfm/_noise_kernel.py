@@ -10,7 +10,7 @@ errors of the observations and H = J (J^T J)^-1 J^T. Errors of unit variance thu
 import numpy as np
 
 from omnisight.compiled import njit_driver
-from omnisight.sfm._point_kernel import damped_inverse, information_of_point
+from omnisight.sfm._bundle_kernel import inverse_of_point
 from omnisight.twoview._small_vectors_kernel import dot
 
 # Smaller eigenvalue of the covariance of a residual over the larger one, below which it has one dimension: those of
@@ -34,8 +34,7 @@ def correct_for_points(starts, residuals, by_point, first, last, squares, dimens
     """
     inverse, gradient, move = np.empty((3, 3)), np.empty(3), np.empty(3)
     for n in range(first, last):
-        information = information_of_point(by_point, residuals, starts[n], starts[n + 1], gradient)
-        damped_inverse(information, 0.0, inverse)
+        inverse_of_point(by_point, residuals, starts[n], starts[n + 1], 0.0, inverse, gradient)
         for c in range(3):
             move[c] = dot(inverse[c], gradient)
         for i in range(starts[n], starts[n + 1]):

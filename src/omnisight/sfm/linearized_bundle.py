@@ -1,5 +1,6 @@
 """Linearized bundle adjustment: the points are eliminated by the Schur complement."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -264,15 +265,9 @@ class LinearizedBundle:
         """Return the covariances (P, 3, 3) of the points for those of the cameras, and a variance of the residuals."""
         from omnisight.sfm._bundle_kernel import point_covariances
 
-        points = np.empty((len(self.starts) - 1, 3, 3))
-        indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
-        of_cameras = self.cameras.layout, cameras.values
-        parallel_for(
-            lambda first, last: point_covariances(*indices, *self._jacobian, *of_cameras, noise, first, last, points),
-            len(points),
-            POINTS_PER_TASK,
-        )
-        return points
+        covariances = np.empty((len(self.starts) - 1, 3, 3))
+        self._fill_points(point_covariances, cameras, noise, covariances)
+        return covariances
 
     def _leverages(self, cameras: BlockMatrix) -> Array:
         """Return the leverages (P + R,) of the points, and zeros for the prior, given the covariances of the cameras.
@@ -286,14 +281,16 @@ class LinearizedBundle:
 
         moved = self._point_covariances(cameras, 0.0)
         leverages = np.zeros(len(moved) + len(self.prior.residuals))
-        indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
-        of_cameras = self.cameras.layout, cameras.values
-        parallel_for(
-            lambda first, last: point_leverages(*indices, *self._jacobian, *of_cameras, moved, first, last, leverages),
-            len(moved),
-            POINTS_PER_TASK,
-        )
+        self._fill_points(point_leverages, cameras, moved, leverages)
         return np.clip(leverages, 0.0, MAX_LEVERAGE)
+
+    def _fill_points(
+        self, kernel: Callable[..., None], cameras: BlockMatrix, argument: Array | float, values: Array
+    ) -> None:
+        """Fill values (P, ...) of the points by a compiled function of the covariances of the cameras."""
+        indices = self.starts, self.cameras.columns, self.cameras.groups, self.cameras.parts
+        arguments = *indices, *self._jacobian, self.cameras.layout, cameras.values, argument
+        parallel_for(lambda first, last: kernel(*arguments, first, last, values), len(self.starts) - 1, POINTS_PER_TASK)
 
 
 def _sandwich_variances(factor: MultifrontalFactor, gradients: csr_array) -> Array:
