@@ -58,22 +58,20 @@ def _motion(data: RigReportData) -> Markup:
     """Return what was estimated of the motion of the board and of the time offsets."""
     estimate, rig = data.calibration.estimate, data.rig
     motion, (scale, unit) = estimate.problem.motion, data.display_unit
-    still = "The board was at rest: the residuals do not exceed corner noise."
-    moved = (
-        ""
-        if motion is None
-        else (
+    if motion is None:
+        text = "The board was at rest: the residuals do not exceed corner noise."
+    elif data.calibration.model_error is not None:
+        text = (
             "The poses of the board differ between the cameras, but not with spline cameras: the camera models are not"
             " exact. The standard deviations above include the change of the poses."
         )
-        if data.calibration.model_error is not None
-        else (
+    else:
+        text = (
             f"The board moved between the exposures by about {scale * motion.translation:.2g} {unit} and"
             f" {np.degrees(motion.rotation):.2g}° (1σ of each component). The calibration has a motion of the board in"
             " each image, and the standard deviations above include it."
         )
-    )
-    parts = [element("p", element("b", "Board motion. "), moved or still)]
+    parts = [element("p", element("b", "Board motion. "), text)]
     if estimate.problem.free_parameters.time_offsets:
         sigmas = dict(zip(estimate.observations.names, estimate.time_offset_sigmas, strict=True))
         values = dict(zip(estimate.observations.names, estimate.state.time_offsets, strict=True))
