@@ -13,7 +13,6 @@ that changes of the exposure have no effect.
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.twoview._small_vectors_kernel import copy_elements
 
 # Samples of a patch: SIDE x SIDE, HALF on each side of its centre.
 HALF = 4
@@ -21,10 +20,10 @@ SIDE = 2 * HALF + 1
 SAMPLES = SIDE * SIDE
 # Steps per level, and the step (px) at which they end: far below the noise of the position.
 MAX_STEPS, SMALL_STEP_PX = 10, 0.01
-# Steps of the refinement of the affine map.
-MAX_AFFINE_STEPS = 6
+# Steps of the refinement of the slopes.
+MAX_SLOPE_STEPS = 6
 # Largest correction (px) of the position by this refinement: a larger one belongs to another surface.
-MAX_AFFINE_SHIFT = 1.5
+MAX_SLOPE_SHIFT = 1.5
 # Distance (px of the level) from its start at which a patch is another one: beyond half its size.
 MAX_SHIFT = SIDE
 
@@ -58,9 +57,17 @@ def _sample_patch(image, u, v, a, b, half, samples):
 
 
 @njit_helper
-def _on_level(maps, scale):
-    """Return the matrices A and B of a map on a level, whose unit of the patches is as much larger as its pixels."""
-    return maps[:, :2], maps[:, 2:] / scale
+def _on_level(maps, level, image_level):
+    """Return the matrices A and B of a map from the template of a level to the image of another one."""
+    unit, pixel = float(1 << level), float(1 << image_level)
+    return maps[:, :2] * (unit / pixel), maps[:, 2:] * (unit * unit / pixel)
+
+
+@njit_helper
+def _levels_closer(maps):
+    """Return how many levels coarser than the template the image is whose pixels are as large as the samples."""
+    area = abs(maps[0, 0] * maps[1, 1] - maps[0, 1] * maps[1, 0])
+    return int(np.rint(0.5 * np.log2(max(area, 1.0))))
 
 
 @njit_driver
@@ -95,7 +102,7 @@ def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable
             scale = 1.0 / (1 << level)
             usable[n, level] = False
             # Patches of level l cover 2^l times the angle with samples that are as far apart.
-            a, b = _on_level(maps[n], scale)
+            a, b = _on_level(maps[n], level, level)
             if not _sample_patch(levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, a, b, HALF + 1, samples):
                 continue
             template, gradient = templates[n, level], gradients[n, level]
@@ -163,11 +170,12 @@ def _project_out(template, gradient, mean, inverse):
 
 
 @njit_driver
-def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncertainty, first, last):
+def align(levels, arrays, maps, depths, start, slants, slopes, pixels, correlation, noise, uncertainty, first, last):
     """Align the patches first ... last, starting at pixels (N, 2), which receive the result.
 
-    At the finest level the affine map is refined too: the surface is not perpendicular to the line of sight of the
-    template, as was assumed, so the map differs the more, the more the view has changed.
+    At the finest level the slopes of the surface are refined too. The inverse depth of a plane is linear in the
+    coordinates x of the patch, so slopes change the map by a matrix of rank one: A = A_0 - e g^T, with the derivative e
+    of the pixel by the logarithm of the depth.
 
     Parameters
     ----------
@@ -175,10 +183,14 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
         As in `extract`; the maps are those of the predicted patches.
     arrays
         The templates, gradients, inverses, affine and usable of `extract`.
+    depths
+        (N, 2) derivatives of the pixels by the logarithm of the depth.
     start
         (N,) coarsest level to use for each patch; -1 for none.
     slants
-        (N,) standard deviation of the elements of the change of the map.
+        (N,) standard deviation of the slopes; 0 where they are not refined.
+    slopes
+        (N, 2) slopes g: change of the inverse depth per unit of the patch, over the inverse depth. Receives the result.
     correlation
         (N,), receives the normalized correlation at the finest level; -1 where the patch was not aligned.
     noise
@@ -187,26 +199,21 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
         (N, 2, 2), receives the covariance of the shift of the patch over the variance of the intensities.
     """
     templates, gradients, inverses, affine, usable = arrays
-    samples = np.empty(SAMPLES, np.float32)
-    refined, information, gradient = np.empty((2, 2)), np.empty((6, 6)), np.empty(6)
+    samples, columns = np.empty(SAMPLES, np.float32), np.empty((SAMPLES, 4), np.float32)
+    information, gradient, slope = np.empty((4, 4)), np.empty(4), np.empty(2)
     for n in range(first, last):
         u, v = pixels[n, 0], pixels[n, 1]
         correlation[n], noise[n] = -1.0, 0.0
+        closer = _levels_closer(maps[n])
         for level in range(start[n], -1, -1):
             if not usable[n, level]:
                 continue
-            scale = 1.0 / (1 << level)
-            a, b = _on_level(maps[n], scale)
+            image_level = min(level + closer, len(levels) - 1)
+            image, scale = levels[image_level], 1.0 / (1 << image_level)
+            a, b = _on_level(maps[n], level, image_level)
+            template, inverse = templates[n, level], inverses[n, level]
             found, x, y, similar, rms = _align_on_level(
-                levels[level],
-                templates[n, level],
-                gradients[n, level],
-                inverses[n, level],
-                a,
-                b,
-                u * scale,
-                v * scale,
-                samples,
+                image, template, gradients[n, level], inverse, a, b, u * scale, v * scale, samples
             )
             if not found and level == 0:
                 break
@@ -214,18 +221,17 @@ def align(levels, arrays, maps, start, slants, pixels, correlation, noise, uncer
                 u, v = x / scale, y / scale
                 if level == 0:
                     correlation[n], noise[n] = similar, rms
-                    uncertainty[n] = inverses[n, 0]
-        if correlation[n] > 0.0 and slants[n] > 0.0:
-            a, b = _on_level(maps[n], 1.0)
-            copy_elements(refined, a)
-            image, template = levels[0], templates[n, 0]
-            _fill_information(affine[n], slants[n], max(noise[n], 1.0), information)
-            found, x, y, similar, rms = _refine(
-                image, template, affine[n], information, refined, b, u, v, samples, gradient
-            )
-            if found and similar > correlation[n]:
-                u, v, correlation[n], noise[n] = x, y, similar, rms
-                uncertainty[n] = np.linalg.inv(information)[:2, :2]
+                    uncertainty[n] = inverse
+                    if slants[n] > 0.0:
+                        depth, prior = depths[n] * scale, (max(rms, 1.0) / slants[n]) ** 2
+                        slope[:] = slopes[n]
+                        _fill_information(affine[n], a, depth, prior, columns, information)
+                        found, x, y, similar, rms = _refine(
+                            image, template, columns, information, prior, a, b, depth, x, y, slope, samples, gradient
+                        )
+                        if found and similar > correlation[n]:
+                            u, v, correlation[n], noise[n] = x / scale, y / scale, similar, rms
+                            slopes[n], uncertainty[n] = slope, np.linalg.inv(information)[:2, :2]
         pixels[n, 0], pixels[n, 1] = u, v
 
 
@@ -285,53 +291,55 @@ def _align_on_level(image, template, gradient, inverse, a, b, u, v, samples):
 
 
 @njit_helper
-def _fill_information(affine, slant, noise, information):
-    """Fill the information (6, 6) of a shift and a change of the map, with the prior of the change."""
-    for i in range(6):
+def _fill_information(affine, a, depth, prior, columns, information):
+    """Fill the derivatives by a shift and the slopes, and their information (4, 4) with the prior of the slopes."""
+    determinant = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    determinant = determinant if determinant != 0.0 else np.inf
+    # A^-1 e: the displacement in the patch by the logarithm of the depth.
+    x = (a[1, 1] * depth[0] - a[0, 1] * depth[1]) / determinant
+    y = (a[0, 0] * depth[1] - a[1, 0] * depth[0]) / determinant
+    for k in range(SAMPLES):
+        columns[k, 0], columns[k, 1] = affine[k, 0], affine[k, 1]
+        for axis in range(2):
+            columns[k, 2 + axis] = x * affine[k, 2 + axis] + y * affine[k, 4 + axis]
+    for i in range(4):
         for j in range(i + 1):
             total = 0.0
             for k in range(SAMPLES):
-                total += affine[k, i] * affine[k, j]
+                total += columns[k, i] * columns[k, j]
             information[i, j] = information[j, i] = total
-    for i in range(2, 6):
-        information[i, i] += (noise / slant) ** 2
     for i in range(2):
         information[i, i] += 1e-6
+        information[2 + i, 2 + i] += prior
 
 
 @njit_helper
-def _refine(image, template, affine, information, a, b, u, v, samples, gradient):
-    """Refine position and linear map a (2, 2), in place; return as `_align_on_level`."""
+def _refine(image, template, columns, information, prior, a, b, depth, u, v, slope, samples, gradient):
+    """Refine position and slopes (2,), in place; return as `_align_on_level`."""
     energy = _energy(template)
-    start, x, y, similar, rms = a.copy(), u, v, -1.0, 0.0
-    prior = information[2, 2]
-    for k in range(SAMPLES):
-        prior -= affine[k, 2] * affine[k, 2]
+    x, y, similar, rms = u, v, -1.0, 0.0
     inverse = np.linalg.inv(information)
-    for _ in range(MAX_AFFINE_STEPS):
+    for _ in range(MAX_SLOPE_STEPS):
         found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
         if not found:
             return False, u, v, -1.0, 0.0
         total = 0.0
-        gradient[:] = 0.0
+        gradient[:2] = 0.0
+        gradient[2:] = -prior * slope
         for k in range(SAMPLES):
             difference = (samples[k] - mean) / contrast - template[k]
             total += difference * difference
-            for i in range(6):
-                gradient[i] += affine[k, i] * difference
+            for i in range(4):
+                gradient[i] += columns[k, i] * difference
         rms = np.sqrt(total / (SAMPLES - 4))
-        # The change of the map since the start, which has the prior.
-        change = np.linalg.inv(start) @ a
-        for i in range(4):
-            gradient[2 + i] += prior * (change[i // 2, i % 2] - (1.0 if i in (0, 3) else 0.0))
         step = inverse @ gradient
-        moved = np.array([[1.0 + step[2], step[3]], [step[4], 1.0 + step[5]]])
-        if not np.abs(moved - np.eye(2)).max() < 0.5:
-            return False, u, v, -1.0, 0.0
-        copy_elements(a, a @ np.linalg.inv(moved))
+        for i in range(2):
+            for j in range(2):
+                a[i, j] -= depth[i] * step[2 + j]
+            slope[i] += step[2 + i]
         px, py = a[0, 0] * step[0] + a[0, 1] * step[1], a[1, 0] * step[0] + a[1, 1] * step[1]
         x, y = x - px, y - py
-        if (x - u) ** 2 + (y - v) ** 2 > MAX_AFFINE_SHIFT**2:
+        if (x - u) ** 2 + (y - v) ** 2 > MAX_SLOPE_SHIFT**2:
             return False, u, v, -1.0, 0.0
         if px * px + py * py < SMALL_STEP_PX**2:
             break

@@ -39,6 +39,11 @@ class Patches:
         (N, 2, 2) covariance of the last position, square units of the patch, over the variance of the intensities.
     noise
         (N,) root mean square difference of the intensities at the last alignment.
+    slopes
+        (N, 2) change of the inverse distance from the centre of the template per unit of the patch, over the inverse
+        distance.
+    guesses
+        (N, 3) assumed points of patches whose distance is unknown; NaN for all others.
     is_seen
         (N,) whether the last image shows it.
     """
@@ -57,6 +62,8 @@ class Patches:
     usable: Mask
     uncertainty: Array
     noise: Array
+    slopes: Array
+    guesses: Array
     is_seen: Mask
 
     @classmethod
@@ -79,6 +86,8 @@ class Patches:
             np.zeros((0, LEVELS), np.bool_),
             np.zeros((0, 2, 2)),
             np.zeros(0),
+            np.zeros((0, 2)),
+            np.zeros((0, 3)),
             np.zeros(0, np.bool_),
         )
 

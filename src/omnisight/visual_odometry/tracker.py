@@ -24,12 +24,14 @@ Bytes = NDArray[np.uint8]
 
 # Normalized correlation below which a patch shows something else.
 MIN_CORRELATION = 0.8
-# Standard deviation (px) of a position besides the noise of the image: interpolation, and, per radian between the views
-# now and in the template, what the affine map does not explain. Median errors of patches in a rendered room:
-# 0.08 px below 2 degrees, 0.10 px from 5 to 10 degrees, 0.17 px from 20 to 40 degrees (0.37 px without its refinement).
-POSITION_SIGMA_PX, SLANT_SIGMA_PX = 0.08, 0.3
-# Standard deviation of the change of a map, per radian between both views: a surface with a slant of 45 degrees has 1.
-MAP_SIGMA = 0.5
+# Standard deviation of a position: that of the noise of the image times a factor, because differences of neighbouring
+# pixels are correlated; that of interpolation (px); and, per radian between the views now and in the template, that of
+# surfaces which are not planes. They maximize the likelihood of the true errors in five rendered sequences.
+NOISE_FACTOR, POSITION_SIGMA_PX, SLANT_SIGMA_PX = 2.0, 0.02, 0.15
+# Standard deviation of the slopes of surfaces: a slant of 45 degrees has 1.
+SLOPE_SIGMA = 1.0
+# Change of the logarithm of a distance for the derivative of pixels by it.
+DEPTH_STEP = 1e-3
 # Steps along the axes of a patch from which its map follows.
 STEPS = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
 # Patches per task of a thread.
@@ -88,13 +90,14 @@ class Tracker:
             pixels=p.pixels.copy(),
             noise=p.noise.copy(),
             uncertainty=p.uncertainty.copy(),
+            slopes=p.slopes.copy(),
             is_seen=np.zeros(len(p), np.bool_),
         )
         for sensor in range(len(self.rig)):
             rows = np.flatnonzero(p.sensor == sensor)
             if len(rows):
                 aligned = self._align(sensor, p[rows], predicted)
-                for name in ("pixels", "noise", "uncertainty", "is_seen"):
+                for name in ("pixels", "noise", "uncertainty", "slopes", "is_seen"):
                     getattr(found, name)[rows] = getattr(aligned, name)
         self.patches = found[found.is_seen | found.has_point]
         return self.rays(predicted)
@@ -135,7 +138,7 @@ class Tracker:
         seen[rows] = is_inlier
         directions[rows] = rays.bearings @ rig_from_world.rotation
         patches = replace(self.patches, is_seen=seen, directions=directions)
-        self.patches = patches[seen | patches.has_point]
+        self.patches = self._with_guesses(patches[seen | patches.has_point], rig_from_world)
 
     def detect(self, images: Sequence[Bytes], rig_from_world: Pose) -> None:
         """Start patches at corners of the last images, in cells without any."""
@@ -144,6 +147,19 @@ class Tracker:
             pixels = detect_corners(gray, self._cells[sensor], self.patches.pixels[seen])
             if len(pixels):
                 self.patches = self.patches.joined(self._start(sensor, pixels, rig_from_world))
+        self.patches = self._with_guesses(self.patches, rig_from_world)
+
+    def _with_guesses(self, patches: Patches, rig_from_world: Pose) -> Patches:
+        """Return patches whose unknown distances are guessed to be those of the known points nearest in direction."""
+        centers = np.array([(pose @ rig_from_world).inverse().translation for pose in self.rig.sensor_from_rig])
+        known, unknown = patches.has_point & patches.is_seen, ~patches.has_point
+        guesses = np.full((len(patches), 3), np.nan)
+        if known.any():
+            points, origins = patches.points[known], centers[patches.sensor[unknown]]
+            nearest = np.argmax(patches.directions[unknown] @ patches.directions[known].T, axis=1)
+            distances = np.linalg.norm(points[nearest] - origins, axis=1)
+            guesses[unknown] = origins + distances[:, None] * patches.directions[unknown]
+        return replace(patches, guesses=guesses)
 
     @property
     def cells(self) -> int:
@@ -167,19 +183,30 @@ class Tracker:
         """Return patches as an image of a sensor shows them."""
         from omnisight.visual_odometry._patch_kernel import align
 
-        start, maps = self._project(sensor, patches, predicted)
+        start, maps, depths = self._project(sensor, patches, predicted)
         level = self._levels(sensor, start)
         level[~np.isfinite(maps).all(axis=(1, 2))] = -1
         pyramid = self._pyramids[sensor]
         at, maps = pyramid.inside(np.nan_to_num(start)), np.nan_to_num(maps)
         correlation, noise, uncertainty = np.empty(len(at)), np.empty(len(at)), np.zeros((len(at), 2, 2))
-        slants = MAP_SIGMA * self._view_changes(
-            patches, (self.rig.sensor_from_rig[sensor] @ predicted).inverse().translation
-        )
+        slopes, depths = patches.slopes.copy(), np.nan_to_num(depths)
+        slants = SLOPE_SIGMA * np.linalg.norm(patches.tangents, axis=1).max(axis=1) * patches.has_point
         arrays = patches.arrays
         parallel_for(
             lambda first, last: align(
-                pyramid.levels, arrays, maps, level, slants, at, correlation, noise, uncertainty, first, last
+                pyramid.levels,
+                arrays,
+                maps,
+                depths,
+                level,
+                slants,
+                slopes,
+                at,
+                correlation,
+                noise,
+                uncertainty,
+                first,
+                last,
             ),
             len(at),
             PATCHES_PER_TASK,
@@ -189,20 +216,27 @@ class Tracker:
             self._cells[sensor].at(np.where(correlation[:, None] > 0, pixels, -9)) >= 0
         )
         pixels = np.where(seen[:, None], pixels, patches.pixels)
-        return replace(patches, pixels=pixels, noise=noise, uncertainty=uncertainty, is_seen=seen)
+        slopes = np.where(seen[:, None], slopes, patches.slopes)
+        return replace(patches, pixels=pixels, noise=noise, uncertainty=uncertainty, slopes=slopes, is_seen=seen)
 
-    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
-        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible."""
+    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array, Array]:
+        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible.
+
+        The third array (N, 2) is the derivative of the pixels by the logarithm of the distance.
+        """
         centers, offsets = self._places(patches, rig_from_world)
         sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
-        ends = [centers + offsets @ np.array(steps) for steps in STEPS]
+        slopes = patches.slopes
+        ends = [centers + (offsets @ np.array(step)) / (1.0 + slopes @ np.array(step))[:, None] for step in STEPS]
+        ends.append(centers + DEPTH_STEP * (centers - patches.centers))
         pixels, valid = self.rig.cameras[sensor].project(sensor_from_world @ np.stack(ends))
         pixels = np.where(valid[..., None], pixels, np.nan)
         at, period = pixels[0], self._pyramids[sensor].period
-        right, left, below, above, later, before = (self._difference(p, at, period) for p in pixels[1:])
+        right, left, below, above, later, before, farther = (self._difference(p, at, period) for p in pixels[1:])
         along = [(right + left) / 2, (below + above) / 2]
         mixed = (later + before) / 2 - along[0] - along[1]
-        return at, np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
+        maps = np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
+        return at, maps, farther / DEPTH_STEP
 
     @staticmethod
     def _difference(a: Array, b: Array, period: int) -> Array:
@@ -215,14 +249,15 @@ class Tracker:
     def _places(self, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
         """Return points (N, 3) in the world, and what a unit of the patches is there (N, 3, 2).
 
-        A patch of unknown distance is in its last direction from the rig, so far away that its parallax is zero.
+        A patch of unknown distance is at its guess; without one it is in its last direction from the rig, so far away
+        that its parallax is zero.
         """
-        center = rig_from_world.inverse().translation
-        known = patches.has_point
-        distance = np.linalg.norm(patches.points - patches.centers, axis=1)
-        far = self._far()
-        points = np.where(known[:, None], patches.points, center + far * patches.directions)
-        return points, patches.tangents * np.where(known, distance, far)[:, None, None]
+        far = rig_from_world.inverse().translation + self._far() * patches.directions
+        points = np.where(patches.has_point[:, None], patches.points, patches.guesses)
+        points = np.where(np.isfinite(points), points, far)
+        radial = points - patches.centers
+        tangents = patches.tangents * np.linalg.norm(radial, axis=1)[:, None, None]
+        return points, tangents - radial[:, :, None] * patches.slopes[:, None, :]
 
     def _far(self) -> float:
         """Return a distance at which the origins of rays do not matter."""
@@ -248,7 +283,7 @@ class Tracker:
         finite = np.isfinite(maps).all(axis=(1, 2)) & np.isfinite(units).all(axis=(1, 2))
         safe = np.where(finite[:, None, None], units, np.eye(3)[:, :2])
         px_per_rad = maps @ np.linalg.pinv(safe)
-        of_noise = np.maximum(patches.noise, 1.0)[:, None, None] ** 2 * patches.uncertainty
+        of_noise = (NOISE_FACTOR * np.maximum(patches.noise, 1.0))[:, None, None] ** 2 * patches.uncertainty
         variance = POSITION_SIGMA_PX**2 + (SLANT_SIGMA_PX * self._view_changes(patches, center)) ** 2
         covariance = maps @ of_noise @ maps.transpose(0, 2, 1) + variance[:, None, None] * np.eye(2)
         covariance = np.where(finite[:, None, None], covariance, np.eye(2))
@@ -286,11 +321,13 @@ class Tracker:
             affine=np.zeros((count, SAMPLES, 6), np.float32),
             usable=np.zeros((count, LEVELS), np.bool_),
             uncertainty=np.zeros((count, 2, 2)),
+            slopes=np.zeros((count, 2)),
+            guesses=np.full((count, 3), np.nan),
             noise=np.zeros(count),
             is_seen=np.ones(count, np.bool_),
         )
         self._next += count
-        _, maps = self._project(sensor, new, rig_from_world)
+        _, maps, _ = self._project(sensor, new, rig_from_world)
         pyramid, level = self._pyramids[sensor], self._levels(sensor, pixels)
         at, maps = pyramid.inside(pixels), np.nan_to_num(maps)
         extract(pyramid.levels, at, maps, *new.arrays, 0, count)
