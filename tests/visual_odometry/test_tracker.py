@@ -12,7 +12,7 @@ STEP = 5
 
 
 def tracked(fisheye, known, fold):
-    """Return the share of a quarter of the patches found in a distant frame, within 1.5 px, given the points of others."""
+    """Return the share of a quarter of the patches found within 1.5 px in a distant frame, given points of others."""
     first, second = (fisheye.poses[k] for k in (0, STEP))
     camera, images = fisheye.camera, [to_gray8(fisheye.images[k]) for k in (0, STEP)]
     tracker = Tracker(central_rig(camera), [np.ones(images[0].shape, bool)], 400)
