@@ -17,18 +17,20 @@ from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
 from omnisight.simulation.preset_motion import DRIVE, Route, preset_trajectory
 from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
+# Images per second.
 FPS = 10.0
 # Around one block of the town, on the right lane; there and back through the street, on two lanes.
 BLOCK = ((7, 0, -1.7), (61, -0.4, -1.7), (69.7, -0.4, -1.7), (69.7, -0.5, 7), (69.7, -1.2, 43), (69.7, -1.2, 51.7))
 BLOCK = (*BLOCK, (61, -1.2, 51.7), (7, -1.2, 51.7), (-1.7, -1.2, 51.7), (-1.7, -1.2, 43), (-1.7, 0, 7), (-1.7, 0, -1.7))
 LANES = tuple((x, 0.0, z) for x, z in ((1, -30), (1, 10), (1, 52), (0, 55), (-1, 52), (-1, 10), (-1, -30), (0, -33)))
-# Scenes of the drives, and routes through them; None is the preset loop at walking pace: circles in the room, or a walk
-# through the corridor and all six rooms of the flat.
+# Scenes of the drives, and routes through them; None is the preset loop: circles in the room and a walk through the
+# corridor and all six rooms of the flat, at walking pace, and a drive around the whole town.
 ROUTES: dict[str, tuple[str, Route | None]] = {
     "block": ("town", Route(BLOCK, 7.0, DRIVE)),
     "street": ("street", Route(LANES, 2.0, DRIVE)),
     "room": ("room", None),
     "flat": ("rooms", None),
+    "town": ("town", None),
 }
 # Exposures, which alternate: each step changes the light by a factor of two.
 EXPOSURES_STOPS, EXPOSURE_INTERVAL_S = (0.5, -0.5), 10.0
@@ -52,6 +54,10 @@ class Drive:
         Width of the images of a fisheye or a mirror, px.
     exposure_time
         Duration of the exposure, seconds, for motion blur; the exposure then also changes in steps. 0 for sharp images.
+    seed
+        Seed of the scene.
+    fps
+        Images per second.
     """
 
     route: str
@@ -59,11 +65,14 @@ class Drive:
     count: int
     width: int = 640
     exposure_time: float = 0.0
+    seed: int = 0
+    fps: float = FPS
 
     @property
     def name(self) -> str:
         """Name of its folder."""
-        return f"{self.route}-{self.camera}-{self.count}"
+        others = (f"-seed{self.seed}" if self.seed else "") + (f"-{self.fps:g}fps" if self.fps != FPS else "")
+        return f"{self.route}-{self.camera}-{self.count}{others}"
 
     @property
     def folder(self) -> Path:
@@ -83,24 +92,26 @@ class Drive:
     @property
     def trajectory(self) -> Trajectory:
         """The poses world_from_rig of the images."""
-        times = np.arange(self.count) / FPS
+        times = np.arange(self.count) / self.fps
         return Trajectory(times, tuple(self.motion.at(time) for time in times))
 
     @cached_property
     def motion(self) -> Trajectory:
         """The poses world_from_rig at short steps of time."""
-        level = preset_trajectory("loop", self.scene.free, self.count / FPS, ROUTES[self.route][1] or self.scene.route)
+        level = preset_trajectory(
+            "loop", self.scene.free, self.count / self.fps, ROUTES[self.route][1] or self.scene.route
+        )
         up = Pose(look(up="back" if self.camera == "mirror" else "top"))
         return Trajectory(level.times, tuple(pose @ up for pose in level.poses))
 
     def exposure(self, k: int) -> float:
         """Return the exposure of an image, stops."""
-        return EXPOSURES_STOPS[int(k / FPS / EXPOSURE_INTERVAL_S) % 2] if self.exposure_time else 0.0
+        return EXPOSURES_STOPS[int(k / self.fps / EXPOSURE_INTERVAL_S) % 2] if self.exposure_time else 0.0
 
     @property
     def scene(self) -> Scene:
         """The scene."""
-        return scene_of(ROUTES[self.route][0])
+        return scene_of(ROUTES[self.route][0], self.seed)
 
 
 def render(drive: Drive) -> Path:
@@ -120,7 +131,7 @@ def render(drive: Drive) -> Path:
 
 def _renderer(drive: Drive, camera: om.Camera, rig_from_camera: Pose, k: int) -> Renderer:
     """Return the renderer of an image of a camera of a drive."""
-    time, shutter = k / FPS, list[float]()
+    time, shutter = k / drive.fps, list[float]()
     if drive.exposure_time:
         window = time, drive.exposure_time
         length = blurred_exposure(camera, drive.motion, rig_from_camera, drive.scene, window)
@@ -131,9 +142,9 @@ def _renderer(drive: Drive, camera: om.Camera, rig_from_camera: Pose, k: int) ->
 
 
 @cache
-def scene_of(name: str) -> Scene:
+def scene_of(name: str, seed: int) -> Scene:
     """Return a scene."""
-    return scene_named(name)
+    return scene_named(name, seed)
 
 
 def _views(folder: Path, body: om.Camera | om.Rig, k: int) -> Iterator[tuple[Path, om.Camera, Pose]]:
