@@ -215,23 +215,22 @@ def align(levels, arrays, maps, depths, start, slants, slopes, pixels, correlati
             found, x, y, similar, rms = _align_on_level(
                 image, template, gradients[n, level], inverse, a, b, u * scale, v * scale, samples
             )
-            if not found and level == 0:
-                break
             if found:
                 u, v = x / scale, y / scale
-                if level == 0:
-                    correlation[n], noise[n] = similar, rms
-                    uncertainty[n] = inverse
-                    if slants[n] > 0.0:
-                        depth, prior = depths[n] * scale, (max(rms, 1.0) / slants[n]) ** 2
-                        slope[:] = slopes[n]
-                        _fill_information(affine[n], a, depth, prior, columns, information)
-                        found, x, y, similar, rms = _refine(
-                            image, template, columns, information, prior, a, b, depth, x, y, slope, samples, gradient
-                        )
-                        if found and similar > correlation[n]:
-                            u, v, correlation[n], noise[n] = x / scale, y / scale, similar, rms
-                            slopes[n], uncertainty[n] = slope, np.linalg.inv(information)[:2, :2]
+            if level > 0 or not found:
+                continue
+            correlation[n], noise[n], uncertainty[n] = similar, rms, inverse
+            if not slants[n] > 0.0:
+                continue
+            depth, prior = depths[n] * scale, (max(rms, 1.0) / slants[n]) ** 2
+            slope[:] = slopes[n]
+            _fill_information(affine[n], a, depth, prior, columns, information)
+            found, x, y, similar, rms = _refine(
+                image, template, columns, information, prior, a, b, depth, x, y, slope, samples, gradient
+            )
+            if found and similar > correlation[n]:
+                u, v, correlation[n], noise[n] = x / scale, y / scale, similar, rms
+                slopes[n], uncertainty[n] = slope, np.linalg.inv(information)[:2, :2]
         pixels[n, 0], pixels[n, 1] = u, v
 
 

@@ -36,6 +36,8 @@ DEPTH_STEP = 1e-3
 STEPS = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
 # Patches per task of a thread.
 PATCHES_PER_TASK = 32
+# Fields of patches that an alignment measures.
+MEASURED = "pixels", "noise", "uncertainty", "slopes"
 # Half a patch of the finest level with its derivatives, px.
 MARGIN_PX = 6.0
 
@@ -85,19 +87,13 @@ class Tracker:
     def track_again(self, predicted: Pose) -> FrameRays:
         """Find the patches of the frame before in the last images, with another prediction."""
         p = self._before
-        found = replace(
-            p,
-            pixels=p.pixels.copy(),
-            noise=p.noise.copy(),
-            uncertainty=p.uncertainty.copy(),
-            slopes=p.slopes.copy(),
-            is_seen=np.zeros(len(p), np.bool_),
-        )
+        copies = {name: getattr(p, name).copy() for name in MEASURED}
+        found = replace(p, **copies, is_seen=np.zeros(len(p), np.bool_))
         for sensor in range(len(self.rig)):
             rows = np.flatnonzero(p.sensor == sensor)
             if len(rows):
                 aligned = self._align(sensor, p[rows], predicted)
-                for name in ("pixels", "noise", "uncertainty", "slopes", "is_seen"):
+                for name in (*MEASURED, "is_seen"):
                     getattr(found, name)[rows] = getattr(aligned, name)
         self.patches = found[found.is_seen | found.has_point]
         return self.rays(predicted)
