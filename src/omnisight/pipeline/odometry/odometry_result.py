@@ -15,7 +15,7 @@ from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.scale_estimate import ScaleEstimate
 from omnisight.visual_odometry.segments import Segment, trajectory_segments
 
-# Residuals over the noise of tracked patches above which the camera is another one: 0.8 to 1.7 with the true camera of
+# Residuals over the noise of tracked patches above which the camera is another one: 0.8 to 1.9 with the true camera of
 # eight rendered sequences, up to 6.5 with a focal length that is 5 % too long or a centre that is 20 px off.
 MAX_RESIDUAL = 3.0
 
