@@ -158,7 +158,8 @@ class Bundle:
 
     def cost(self, state: Structure) -> float:
         """Return the robust cost."""
-        residuals, _ = self._prior(state)
+        measured = () if self.measured is None else self.measured.linearize(state.rig_from_world).residuals
+        residuals = np.append(self._precision * state.values, measured)
         return self.loss.cost(self.squared_residuals(state)) + 0.5 * float(residuals @ residuals)
 
     def linearize(self, state: Structure, weights: Array | None = None) -> LinearizedBundle:
@@ -184,10 +185,14 @@ class Bundle:
             self.starts, rays.point, self.cameras, residuals, by_pose, by_point, self._prior(state), self.divided
         )
 
+    @property
+    def _precision(self) -> Array:
+        """The inverse standard deviations (Q,) of the priors of free values."""
+        return np.zeros(0) if self.pixels is None else np.sqrt(self.pixels.free.precision)
+
     def _prior(self, state: Structure) -> Prior:
         """Return the prior of the free values, and the measurements."""
-        count, values = self.parameters[2], len(state.values)
-        precision = np.zeros(values) if self.pixels is None else np.sqrt(self.pixels.free.precision)
+        count, values, precision = self.parameters[2], len(state.values), self._precision
         of_values = coo_array((precision, (np.arange(values), np.arange(count - values, count))), shape=(values, count))
         if self.measured is None:
             return Prior(precision * state.values, of_values.tocsr())
