@@ -27,12 +27,11 @@ def tracked(fisheye, known, fold):
     if known:
         tracker.set_points(patches.number[~is_new], points[~is_new])
         tracker.detect(images[:1], first.inverse())
-    rays = tracker.track(images[1:], second.inverse())
-    pixels = tracker.patches.pixels[tracker.patches.is_seen]
+    tracker.track(images[1:], second.inverse())
+    seen = tracker.patches[tracker.patches.is_seen]
     true, valid = camera.project(second.inverse() @ points[is_new])
-    number = patches.number[is_new]
-    row = np.minimum(np.searchsorted(rays.number, number), len(rays.number) - 1)
-    found = (rays.number[row] == number) & (np.linalg.norm(pixels[row] - true, axis=1) < 1.5)
+    rows, exists = seen.rows_of(patches.number[is_new])
+    found = exists & (np.linalg.norm(seen.pixels[rows] - true, axis=1) < 1.5)
     assert valid.sum() > 20
     return found[valid].mean()
 

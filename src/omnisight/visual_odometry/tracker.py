@@ -179,7 +179,8 @@ class Tracker:
         """Return patches as an image of a sensor shows them."""
         from omnisight.visual_odometry._patch_kernel import align
 
-        start, maps, depths = self._project(sensor, patches, predicted)
+        start, maps = self._project(sensor, patches, predicted)
+        depths = self._derivatives_by_depth(sensor, patches, predicted, start)
         level = self._levels(sensor, start)
         level[~np.isfinite(maps).all(axis=(1, 2))] = -1
         pyramid = self._pyramids[sensor]
@@ -215,24 +216,27 @@ class Tracker:
         slopes = np.where(seen[:, None], slopes, patches.slopes)
         return replace(patches, pixels=pixels, noise=noise, uncertainty=uncertainty, slopes=slopes, is_seen=seen)
 
-    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array, Array]:
-        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible.
-
-        The third array (N, 2) is the derivative of the pixels by the logarithm of the distance.
-        """
+    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
+        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible."""
         centers, offsets = self._places(patches, rig_from_world)
         sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
         slopes = patches.slopes
         ends = [centers + (offsets @ np.array(step)) / (1.0 + slopes @ np.array(step))[:, None] for step in STEPS]
-        ends.append(centers + DEPTH_STEP * (centers - patches.centers))
         pixels, valid = self.rig.cameras[sensor].project(sensor_from_world @ np.stack(ends))
         pixels = np.where(valid[..., None], pixels, np.nan)
         at, period = pixels[0], self._pyramids[sensor].period
-        right, left, below, above, later, before, farther = (self._difference(p, at, period) for p in pixels[1:])
+        right, left, below, above, later, before = (self._difference(p, at, period) for p in pixels[1:])
         along = [(right + left) / 2, (below + above) / 2]
         mixed = (later + before) / 2 - along[0] - along[1]
-        maps = np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
-        return at, maps, farther / DEPTH_STEP
+        return at, np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
+
+    def _derivatives_by_depth(self, sensor: int, patches: Patches, rig_from_world: Pose, pixels: Array) -> Array:
+        """Return the derivatives (N, 2) of pixels by the logarithm of the distance from the template."""
+        points, _ = self._places(patches, rig_from_world)
+        farther = points + DEPTH_STEP * (points - patches.centers)
+        moved, valid = self.rig.cameras[sensor].project(self.rig.sensor_from_rig[sensor] @ rig_from_world @ farther)
+        moved = np.where(valid[:, None], moved, np.nan)
+        return self._difference(moved, pixels, self._pyramids[sensor].period) / DEPTH_STEP
 
     @staticmethod
     def _difference(a: Array, b: Array, period: int) -> Array:
@@ -323,7 +327,7 @@ class Tracker:
             is_seen=np.ones(count, np.bool_),
         )
         self._next += count
-        _, maps, _ = self._project(sensor, new, rig_from_world)
+        _, maps = self._project(sensor, new, rig_from_world)
         pyramid, level = self._pyramids[sensor], self._levels(sensor, pixels)
         at, maps = pyramid.inside(pixels), np.nan_to_num(maps)
         extract(pyramid.levels, at, maps, *new.arrays, 0, count)
