@@ -13,8 +13,8 @@ from omnisight.geometry.pose import Pose
 from omnisight.pipeline.simulation.rendering_options import Conditions
 from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_trajectory
 
-# Images of a visit, about 0.5 m apart, and their width, px.
-IMAGES_PER_VISIT, WIDTH = 1000, 640
+# Images of a visit, about 0.5 m apart.
+IMAGES_PER_VISIT = 1000
 # First image of each visit: before a corner, because positions along a straight street have no orientation about it.
 FIRST = 100
 # Shift of the images of a visit against those of the visit before, as a share of their distance: no two visits have
@@ -22,9 +22,9 @@ FIRST = 100
 PHASE = (np.sqrt(5) - 1) / 2
 
 
-def render(count: int) -> list[Path]:
-    """Return the first of the images, from the cache if they are there."""
-    visits = [sorted((_visit(k) / "images").glob("*.jpg")) for k in range(-(-count // IMAGES_PER_VISIT))]
+def render(count: int, width: int) -> list[Path]:
+    """Return the first of the images of a width, px, from the cache if they are there."""
+    visits = [sorted((_visit(k, width) / "images").glob("*.jpg")) for k in range(-(-count // IMAGES_PER_VISIT))]
     return [path for files in visits for path in files[FIRST:] + files[:FIRST]][:count]
 
 
@@ -34,9 +34,9 @@ def true_poses(paths: Sequence[Path]) -> list[Pose]:
     return [drives[path.parents[1]][int(path.stem)] for path in paths]
 
 
-def _visit(number: int) -> Path:
+def _visit(number: int, width: int) -> Path:
     """Return the folder of a visit: odd ones drive on the other lane, in the other direction."""
-    root = image_cache("scale")
+    root = image_cache(f"scale-{width}")
     folder = root / f"visit-{number:02d}"
     if not (folder / "poses.txt").exists():
         root.mkdir(exist_ok=True)
@@ -48,7 +48,14 @@ def _visit(number: int) -> Path:
         conditions = Conditions(visit=number)
         om.simulate(
             om.SimulateOptions(
-                "town", om.sphere(WIDTH), folder, str(drive), conditions=conditions, jpeg=95, seed=0, vignette=0.0
+                "town",
+                om.sphere(width),
+                folder,
+                trajectory=str(drive),
+                conditions=conditions,
+                jpeg=95,
+                seed=0,
+                vignette=0.0,
             )
         )
     return folder

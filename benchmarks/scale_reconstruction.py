@@ -1,4 +1,4 @@
-"""One reconstruction of `benchmarks.scale`, in a process of its own: `python -m benchmarks.scale_reconstruction COUNT`.
+"""One reconstruction of `benchmarks.scale`, in a process of its own: `python -m benchmarks.scale_reconstruction COUNT WIDTH`.
 
 Prints `stage SECONDS NAME` for each stage, then `result` with the numbers of registered images, correct images, points
 and observations, the errors of positions and rotations, the time, seconds, and the peak memory, MB.
@@ -31,12 +31,12 @@ class StageTimes:
         self._last = now
 
 
-def main(count: int) -> None:
-    """Reconstruct the first images and print what it took."""
-    files, times = render(count), StageTimes()
+def main(count: int, width: int) -> None:
+    """Reconstruct the first images of a width, px, and print what it took."""
+    files, times = render(count, width), StageTimes()
     start = time.perf_counter()
     times("start", 0, 0)
-    result = om.reconstruct(files, om.sphere(om.read_image(files[0]).shape[1]), progress=times)
+    result = om.reconstruct(files, om.sphere(width), progress=times)
     seconds = time.perf_counter() - start
     for stage, value in times.seconds.items():
         print("stage", value, stage)
@@ -53,4 +53,4 @@ def main(count: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]))
+    main(int(sys.argv[1]), int(sys.argv[2]))
