@@ -1,4 +1,4 @@
-"""One reconstruction of `benchmarks.scale`, in a process of its own: `python -m benchmarks.scale_reconstruction COUNT WIDTH`.
+"""One reconstruction of `benchmarks.scale`, in its own process: `python -m benchmarks.scale_reconstruction N WIDTH`.
 
 Prints `stage SECONDS NAME` for each stage, then `result` with the numbers of registered images, correct images, points
 and observations, the errors of positions and rotations, the time, seconds, and the peak memory, MB.
