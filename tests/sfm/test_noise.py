@@ -62,7 +62,7 @@ def test_noise_is_that_of_the_keypoints_however_few_images_show_a_point(views, s
 
 def squared_errors(bundle, state):
     """Return the squared errors (F, 6) of the steps of poses over their stated variances; NaN if they are fixed."""
-    variances, columns = bundle.covariances(state)[0].diagonal, bundle.parameters[0]
+    variances, columns = bundle.covariances(state)[0].diagonal(), bundle.parameters[0]
     pairs = zip(bundle.start.rig_from_world, state.rig_from_world, strict=True)
     steps = np.array([Pose.of_matrix(true).step_to(Pose.of_matrix(found)) for true, found in pairs])
     return np.where(columns >= 0, steps**2 / variances[columns], np.nan)

@@ -115,9 +115,8 @@ class BlockMatrix:
     pattern: BlockPattern
     values: Array
 
-    @property
     def diagonal(self) -> Array:
-        """The diagonal (C,)."""
+        """Return the diagonal (C,)."""
         return self.values[self.pattern.diagonal]
 
     def add_diagonal(self, diagonal: Array) -> None:

@@ -1,11 +1,12 @@
 """Solution of symmetric positive definite systems by preconditioned conjugate gradients."""
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.optim.block_matrix import BlockMatrix
+from omnisight.parallel import serial_blas
 
 Array = NDArray[np.float64]
 
@@ -14,7 +15,20 @@ Array = NDArray[np.float64]
 GAIN_TOLERANCE, RESIDUAL_TOLERANCE, MAX_ITERATIONS = 1e-8, 1e-2, 500
 
 
-def conjugate_gradients(matrix: BlockMatrix, precondition: Callable[[Array], Array], right: Array) -> Array:
+class SymmetricMatrix(Protocol):
+    """A symmetric matrix (C, C), dense or sparse."""
+
+    def __matmul__(self, x: Any, /) -> Any:
+        """Return the product (C,) with a vector (C,)."""
+        ...
+
+    def diagonal(self) -> Any:
+        """Return the diagonal (C,)."""
+        ...
+
+
+@serial_blas()
+def conjugate_gradients(matrix: SymmetricMatrix, precondition: Callable[[Array], Array], right: Array) -> Array:
     """Return the solution x (C,) of A x = right.
 
     M. Hestenes and E. Stiefel, Methods of conjugate gradients for solving linear systems, 1952. The number of
@@ -34,7 +48,7 @@ def conjugate_gradients(matrix: BlockMatrix, precondition: Callable[[Array], Arr
     x, residual = np.zeros_like(right), right.copy()
     direction = preconditioned = precondition(residual)
     square, total = float(residual @ preconditioned), 0.0
-    inverse = 1 / matrix.diagonal
+    inverse = 1 / matrix.diagonal()
     small = RESIDUAL_TOLERANCE**2 * float(right @ (inverse * right))
     for iteration in range(1, MAX_ITERATIONS + 1):
         if not square > 0.0:

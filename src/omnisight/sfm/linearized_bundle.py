@@ -258,7 +258,7 @@ class LinearizedBundle:
         if gradients is not None:
             unbiased = gradients @ diags_array(1 / np.sqrt(1 - self._leverages(inverse)))
             # Only the variances, because the correlations of few points are inaccurate.
-            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, csr_array(unbiased)) / inverse.diagonal))
+            inverse = inverse.scaled(np.sqrt(_sandwich_variances(factor, csr_array(unbiased)) / inverse.diagonal()))
         return inverse, self._point_covariances(inverse, noise)
 
     def _point_covariances(self, cameras: BlockMatrix, noise: float) -> Array:

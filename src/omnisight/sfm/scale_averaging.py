@@ -11,13 +11,13 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, diags_array
 from scipy.sparse.csgraph import connected_components
 
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.optim.block_matrix import BlockPattern
-from omnisight.optim.multifrontal import MultifrontalFactor, fronts_of
+from omnisight.optim.conjugate_gradients import conjugate_gradients
 from omnisight.parallel import parallel_map
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.triangulation import triangulate
@@ -169,15 +169,15 @@ def average_log_scales(table: DistanceTable) -> tuple[Array, Array, Indices]:
     pattern = BlockPattern.of_incidence(np.arange(edges + 1), incidence)
     linked = coo_array((np.ones(len(pattern.row), bool), (pattern.row, pattern.column)), shape=(edges, edges))
     component = connected_components(linked, directed=False)[1]
-    anchors, fronts = np.unique(component, return_index=True)[1], fronts_of(pattern)
+    anchors = np.unique(component, return_index=True)[1]
     keypoint = np.repeat(np.arange(len(starts) - 1, dtype=np.int32), np.diff(starts))
-    weights, right = 1 / table.sigma**2, np.empty(edges)
+    weights, right, scales = 1 / table.sigma**2, np.empty(edges), np.zeros(edges)
 
-    def solve() -> Array:
-        """Return scales (E,) of least weighted squares."""
-        matrix, fixing = pattern.zeros(), np.zeros(edges)
+    def solved(scales: Array) -> Array:
+        """Return the scales (E,) of least weighted squares, given those before."""
+        values = np.zeros(len(pattern.row))
         add_deviations(
-            matrix.values,
+            values,
             pattern.row_starts,
             pattern.column,
             starts,
@@ -187,15 +187,19 @@ def average_log_scales(table: DistanceTable) -> tuple[Array, Array, Indices]:
             table.of_edge,
             keypoint,
         )
+        lower = csr_array((values, pattern.column, pattern.row_starts), shape=(edges, edges))
         # Only differences of scales are determined, so any weight of the anchors makes their scales zero.
-        fixing[anchors] = 1.0 + matrix.diagonal[anchors]
-        matrix.add_diagonal(fixing)
+        diagonal = np.asarray(lower.diagonal(), float)
+        diagonal[anchors] += 1.0 + diagonal[anchors]
+        matrix = csr_array(lower + lower.T + diags_array(diagonal - 2 * lower.diagonal()))
+        inverse = 1 / diagonal
         fill_deviations(starts, edge, table.log_distance, weights, right)
-        return MultifrontalFactor.of(matrix, fronts).solve(right)
+        # Wrong edges link distant parts of the graph, so that a factor of the matrix is nearly dense.
+        return scales + conjugate_gradients(matrix, lambda residual: inverse * residual, right - matrix @ scales)
 
-    scales = solve()
+    scales = solved(scales)
     for _ in range(ROUNDS):
         reweight(starts, edge, table.log_distance, table.sigma, scales, weights)
-        scales = solve()
+        scales = solved(scales)
     information = np.bincount(edge, weights, minlength=edges)
     return scales, 1 / np.sqrt(np.maximum(information, 1e-300)), component.astype(np.intp)
