@@ -1,5 +1,7 @@
 """Rendered panoramas with known overlap, for the benchmark of places."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,10 +29,14 @@ MAX_DISTANCE_RATIO, MAX_PARALLAX_RAD = 2.0, float(np.radians(30))
 def loop(scene: str, count: int, seed: int = 0) -> list[Pose]:
     """Return poses at regular distances along the loop of a scene."""
     found = scene_named(scene, seed)
-    poses = preset_trajectory("loop", found.free, 0.0, found.route).poses
+    return regular(preset_trajectory("loop", found.free, 0.0, found.route).poses, count)
+
+
+def regular(poses: Sequence[Pose], count: int, offset: float = 0.0) -> list[Pose]:
+    """Return poses at regular distances along a path of closely spaced ones, shifted by a share of the distance."""
     steps = np.linalg.norm(np.diff([pose.translation for pose in poses], axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    return [poses[i] for i in np.searchsorted(along, np.arange(count) / count * along[-1])]
+    return [poses[i] for i in np.searchsorted(along, (np.arange(count) + offset) / count * along[-1])]
 
 
 def both_lanes(scene: str, count: int) -> tuple[list[Pose], list[float]]:

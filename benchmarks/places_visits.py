@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import omnisight as om
-from benchmarks.places_scenes import CAMERA, OTHER_LANE
+from benchmarks.places_scenes import CAMERA, OTHER_LANE, regular
 from benchmarks.rendered_images import image_cache
 from omnisight.features import FeatureOptions, Keypoints, detect_features
 from omnisight.geometry.pose import Pose
@@ -40,10 +40,7 @@ CANDIDATES = 5
 def route(count: int, offset: float) -> list[Pose]:
     """Return poses at regular distances along the loop of the town, shifted by a share of the spacing."""
     scene = _scene("reference")
-    poses = preset_trajectory("loop", scene.free, 0.0, scene.route).poses
-    steps = np.linalg.norm(np.diff([pose.translation for pose in poses], axis=0), axis=1)
-    along = np.concatenate([[0], np.cumsum(steps)])
-    return [poses[i] for i in np.searchsorted(along, (np.arange(count) + offset) / count * along[-1])]
+    return regular(preset_trajectory("loop", scene.free, 0.0, scene.route).poses, count, offset)
 
 
 def image_sets() -> dict[str, list[Pose]]:

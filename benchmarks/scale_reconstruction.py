@@ -1,7 +1,8 @@
-"""One reconstruction of `benchmarks.scale`, in its own process: `python -m benchmarks.scale_reconstruction N WIDTH`.
+"""One reconstruction of `benchmarks.scale`, in its own process.
 
-Prints `stage SECONDS NAME` for each stage, then `result` with the numbers of registered images, correct images, points
-and observations, the errors of positions and rotations, the time, seconds, and the peak memory, MB.
+`python -m benchmarks.scale_reconstruction COUNT WIDTH PER_VISIT` prints `stage SECONDS NAME` for each stage, then
+`result` with the numbers of registered images, correct images, points and observations, the errors of positions and
+rotations, the time, seconds, and the peak memory, MB.
 """
 
 import os
@@ -31,9 +32,9 @@ class StageTimes:
         self._last = now
 
 
-def main(count: int, width: int) -> None:
-    """Reconstruct the first images of a width, px, and print what it took."""
-    files, times = render(count, width), StageTimes()
+def main(count: int, width: int, per_visit: int) -> None:
+    """Reconstruct the first images of a width, px, and print what it took; see `benchmarks.scale_images.render`."""
+    files, times = render(count, width, per_visit), StageTimes()
     start = time.perf_counter()
     times("start", 0, 0)
     result = om.reconstruct(files, om.sphere(width), progress=times)
@@ -53,4 +54,4 @@ def main(count: int, width: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]))
+    main(*map(int, sys.argv[1:]))

@@ -27,29 +27,39 @@ TROUSERS, SKIN, HAIR = ((50, 56, 76), (70, 64, 58), (34, 34, 38)), (206, 160, 13
 
 
 class TownPlan(NamedTuple):
-    """Crossings of a town: x and z of the centres, and heights above the ground of the world's origin, by row."""
+    """Crossings of a town on a grid.
+
+    Attributes
+    ----------
+    columns, rows
+        x and z of the centres.
+    heights
+        Heights above the ground of the world's origin, by row.
+    drive
+        Crossings (column, row) of a closed drive, each a neighbour of the one before.
+    """
 
     columns: Sequence[float]
     rows: Sequence[float]
     heights: Sequence[Sequence[float]]
+    drive: Sequence[tuple[int, int]]
 
 
 def driving_route(plan: TownPlan, *, reverse: bool = False) -> Route:
-    """Return the route around the town on the right lane, with left turns; reversed, with right turns."""
-    around = ((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1), (0, 0), (1, 0))
-    if reverse:
-        around = around[::-1]
-    points: list[Point] = []
-    for (i, j), (k, m), (n, o) in zip(around, around[1:], around[2:], strict=False):
+    """Return the route of the drive through the town on the right lane."""
+    drive = [*plan.drive[1::-1], *plan.drive[:1:-1]] if reverse else list(plan.drive)
+    points, turns_right = list[Point](), False
+    for (i, j), (k, m), (n, o) in zip(drive, drive[1:] + drive[:1], drive[2:] + drive[:2], strict=True):
         into, out = np.sign((k - i, m - j)), np.sign((n - k, o - m))
         # Right of a direction (x, z) is (z, -x).
         right_in, right_out = into[::-1] * (LANE, -LANE), out[::-1] * (LANE, -LANE)
+        turns_right |= bool(right_in @ out > 0)
         centre = np.array((plan.columns[k], plan.rows[m]))
         corner = centre + right_in + (right_out if (into != out).any() else 0)
         for place in (centre - WALL * into + right_in, corner, centre + WALL * out + right_out):
             points.append((float(place[0]), -plan.heights[m][k], float(place[1])))
     # Right turns are tighter.
-    return Route(tuple(points), 5.0 if reverse else 10.0, DRIVE)
+    return Route(tuple(points), 5.0 if turns_right else 10.0, DRIVE)
 
 
 def town_traffic(plan: TownPlan, cars: Sequence[Sequence[Solid]], seed: int) -> tuple[Actor, ...]:

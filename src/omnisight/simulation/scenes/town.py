@@ -1,4 +1,4 @@
-"""A town on a slope: six streets with repeated house fronts, parked cars, trees, lamps and signs, under a fair sky."""
+"""A town on a slope: streets with repeated house fronts, parked cars, trees, lamps and signs, under a fair sky."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -27,9 +27,18 @@ from omnisight.simulation.traffic import Parking, ParkingSpot, placed
 
 Rng = np.random.Generator
 
-# Crossings of the streets: x and z of the centres, and heights above the origin's ground, metres.
-COLUMNS, ROWS = (0.0, 68.0, 136.0), (0.0, 50.0, 100.0)
-HEIGHTS = ((0.0, 0.4, -0.5), (1.2, 1.6, 0.3), (1.8, 2.6, 1.4))
+# Distances of the crossings, metres.
+COLUMN_SPACING, ROW_SPACING = 68.0, 50.0
+# Six streets, and a drive around them.
+PLAN = TownPlan(
+    (0.0, COLUMN_SPACING, 2 * COLUMN_SPACING),
+    (0.0, ROW_SPACING, 2 * ROW_SPACING),
+    ((0.0, 0.4, -0.5), (1.2, 1.6, 0.3), (1.8, 2.6, 1.4)),
+    ((0, 0), (1, 0), (2, 0), (2, 1), (2, 2), (1, 2), (0, 2), (0, 1)),
+)
+# Meadow around the outer crossings: its width, and the side of its texture, metres; and its depth below the origin's
+# ground.
+MEADOW, MEADOW_PIECE, MEADOW_DEPTH = 157.0, 15.0, 1.2
 # Side streets that leave the town end at a house.
 STUB = 2.0 * LOT
 # Length along which a parked car may stand, between the trees.
@@ -37,16 +46,17 @@ PARKING_SLACK = 3.5
 SUN = (0.55, -0.75, -0.36)
 
 
-def scene(seed: int = 0) -> Scene:
-    """Build the town; the origin is 1.6 m above the first crossing, and the first street leads forward."""
+def scene(seed: int = 0, plan: TownPlan = PLAN) -> Scene:
+    """Build a town; the origin is 1.6 m above the first crossing, and the first street leads forward."""
     rng = np.random.default_rng(seed + 31)
     textures, prototypes = street_textures(rng), Prototypes(rng)
     solids: list[Solid] = []
     spots: list[ParkingSpot] = []
-    for i, x in enumerate(COLUMNS):
-        for j, z in enumerate(ROWS):
-            solids += crossing(Frame((x, z), 0.0), HEIGHTS[j][i], textures, f"crossing {3 * i + j + 1}")
-    for number, street in enumerate(_streets(), 1):
+    for i, x in enumerate(plan.columns):
+        for j, z in enumerate(plan.rows):
+            name = f"crossing {len(plan.rows) * i + j + 1}"
+            solids += crossing(Frame((x, z), 0.0), plan.heights[j][i], textures, name)
+    for number, street in enumerate(_streets(plan), 1):
         solids += roadway(street, textures, f"street {number}")
         solids += _row_of_houses(street, -1, prototypes, rng, f"house {number}.")
         solids += _row_of_houses(street, 1, prototypes, rng, f"house {number}.")
@@ -54,42 +64,51 @@ def scene(seed: int = 0) -> Scene:
         spots += _parking_spots(street, f" {number}.")
         if street.ends:
             solids += _closing_houses(street, prototypes, rng, f"house {number}.")
-    meadow, wide = Texture(materials.grass(rng, 15.0, 15.0, outdoors.PIXELS_PER_METRE), (30, 30)), 450.0
-    corner = (COLUMNS[1] - wide / 2, GROUND + 1.2, ROWS[1] + wide / 2)
-    solids.append(rectangle(corner, (wide, 0, 0), (0, 0, -wide), meadow, "meadow"))
+    solids.append(_meadow(plan, rng))
     parking = Parking(tuple(tuple(car) for car in prototypes.cars), tuple(spots))
     solids += parking.solids(seed, 0)
     return Scene(
         tuple(solids),
         ((-1.2, -0.6, 8.0), (1.2, 0.0, 12.0)),
-        route=driving_route(TownPlan(COLUMNS, ROWS, HEIGHTS)),
+        route=driving_route(plan),
         sky=Texture(outdoors.sky(rng, SUN)),
         sun=(SUN, 0.8),
         ambient=0.5,
         reach=2.5,
         spacing=3.0,
         parking=parking,
-        traffic=partial(town_traffic, TownPlan(COLUMNS, ROWS, HEIGHTS), prototypes.cars, seed),
+        traffic=partial(town_traffic, plan, prototypes.cars, seed),
     )
 
 
-def _streets() -> Iterator[Street]:
+def _streets(plan: TownPlan) -> Iterator[Street]:
     """Yield the streets between the crossings, and those that leave the town from its outer crossings."""
-    for j, z in enumerate(ROWS):
-        for i, x in enumerate(COLUMNS):
-            here = HEIGHTS[j][i]
-            if i + 1 < len(COLUMNS):
-                yield Street(Frame((x + WALL, z), np.pi / 2), COLUMNS[i + 1] - x - 2 * WALL, here, HEIGHTS[j][i + 1])
-            if j + 1 < len(ROWS):
-                yield Street(Frame((x, z + WALL), 0.0), ROWS[j + 1] - z - 2 * WALL, here, HEIGHTS[j + 1][i], True)
-            for edge, yaw in ((i == 0, -np.pi / 2), (i == len(COLUMNS) - 1, np.pi / 2)):
+    columns, rows, heights, *_ = plan
+    for j, z in enumerate(rows):
+        for i, x in enumerate(columns):
+            here = heights[j][i]
+            if i + 1 < len(columns):
+                yield Street(Frame((x + WALL, z), np.pi / 2), columns[i + 1] - x - 2 * WALL, here, heights[j][i + 1])
+            if j + 1 < len(rows):
+                yield Street(Frame((x, z + WALL), 0.0), rows[j + 1] - z - 2 * WALL, here, heights[j + 1][i], True)
+            for edge, yaw in ((i == 0, -np.pi / 2), (i == len(columns) - 1, np.pi / 2)):
                 if edge:
                     start = (x + np.sin(yaw) * WALL, z)
                     yield Street(Frame(start, yaw), STUB, here, here, ends=True)
-            for edge, yaw in ((j == 0, np.pi), (j == len(ROWS) - 1, 0.0)):
+            for edge, yaw in ((j == 0, np.pi), (j == len(rows) - 1, 0.0)):
                 if edge:
                     start = (x, z + np.cos(yaw) * WALL)
                     yield Street(Frame(start, yaw), STUB, here, here, True, ends=True)
+
+
+def _meadow(plan: TownPlan, rng: Rng) -> Solid:
+    """Return the square meadow below the town."""
+    low, high = (np.array([end(plan.columns), end(plan.rows)]) for end in (min, max))
+    pieces = int(np.ceil((np.max(high - low) + 2 * MEADOW) / MEADOW_PIECE))
+    grass = Texture(materials.grass(rng, MEADOW_PIECE, MEADOW_PIECE, outdoors.PIXELS_PER_METRE), (pieces, pieces))
+    wide, (x, z) = pieces * MEADOW_PIECE, 0.5 * (low + high)
+    corner = (float(x) - wide / 2, GROUND + MEADOW_DEPTH, float(z) + wide / 2)
+    return rectangle(corner, (wide, 0, 0), (0, 0, -wide), grass, "meadow")
 
 
 def _row_of_houses(street: Street, side: int, prototypes: Prototypes, rng: Rng, name: str) -> list[Solid]:
