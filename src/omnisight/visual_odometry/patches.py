@@ -117,3 +117,10 @@ class Patches:
         rows = np.minimum(np.searchsorted(self.number, numbers), max(len(self) - 1, 0))
         exists = self.number[rows] == numbers if len(self) else np.zeros(len(numbers), np.bool_)
         return rows, exists
+
+    def view_changes(self, center: Array) -> Array:
+        """Return the angles (N,) between the directions of points from a camera, and from that of the template."""
+        now, then = self.points - center, self.points - self.centers
+        lengths = np.linalg.norm(now, axis=1) * np.linalg.norm(then, axis=1)
+        cosine = (now * then).sum(axis=1) / np.maximum(lengths, 1e-300)
+        return np.arccos(np.clip(np.where(self.has_point, cosine, 1.0), -1.0, 1.0))

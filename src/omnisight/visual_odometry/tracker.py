@@ -13,6 +13,7 @@ from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.corner_detection import detect_corners
 from omnisight.visual_odometry.image_pyramid import LEVELS, ImagePyramid
+from omnisight.visual_odometry.patch_views import PatchViews
 from omnisight.visual_odometry.patches import Patches
 from omnisight.visual_odometry.ray_observations import FrameRays
 from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
@@ -24,16 +25,8 @@ Bytes = NDArray[np.uint8]
 
 # Normalized correlation below which a patch shows something else.
 MIN_CORRELATION = 0.8
-# Standard deviation of a position: that of the noise of the image times a factor, because differences of neighbouring
-# pixels are correlated; that of interpolation (px); and, per radian between the views now and in the template, that of
-# surfaces which are not planes. They maximize the likelihood of the true errors in five rendered sequences.
-NOISE_FACTOR, POSITION_SIGMA_PX, SLANT_SIGMA_PX = 2.0, 0.02, 0.15
 # Standard deviation of the slopes of surfaces: a slant of 45 degrees has 1.
 SLOPE_SIGMA = 1.0
-# Change of the logarithm of a distance for the derivative of pixels by it.
-DEPTH_STEP = 1e-3
-# Steps along the axes of a patch from which its map follows.
-STEPS = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
 # Patches per task of a thread.
 PATCHES_PER_TASK = 32
 # Fields of patches that an alignment measures.
@@ -123,7 +116,7 @@ class Tracker:
         if not len(patches):
             return FrameRays.none()
         rays = self.rig.rays(sensor, patches.pixels)
-        axes = self._axes(sensor, patches, rig_from_world, rays.bearings)
+        axes = self._views(sensor, patches, rig_from_world).axes(rays.bearings)
         use = np.asarray(np.isfinite(axes).all(axis=(1, 2)), np.bool_)
         return FrameRays(patches.number, patches.points, rays.origins, rays.bearings, axes)[use]
 
@@ -179,8 +172,8 @@ class Tracker:
         """Return patches as an image of a sensor shows them."""
         from omnisight.visual_odometry._patch_kernel import align
 
-        start, maps = self._project(sensor, patches, predicted)
-        depths = self._derivatives_by_depth(sensor, patches, predicted, start)
+        views = self._views(sensor, patches, predicted)
+        start, maps, depths = views.pixels, views.maps, views.derivatives_by_depth
         level = self._levels(sensor, start)
         level[~np.isfinite(maps).all(axis=(1, 2))] = -1
         pyramid = self._pyramids[sensor]
@@ -216,52 +209,8 @@ class Tracker:
         slopes = np.where(seen[:, None], slopes, patches.slopes)
         return replace(patches, pixels=pixels, noise=noise, uncertainty=uncertainty, slopes=slopes, is_seen=seen)
 
-    def _project(self, sensor: int, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
-        """Return the predicted pixels (N, 2) and maps (N, 2, 5) of the patches; NaN where not visible."""
-        centers, offsets = self._places(patches, rig_from_world)
-        sensor_from_world = self.rig.sensor_from_rig[sensor] @ rig_from_world
-        slopes = patches.slopes
-        ends = [centers + (offsets @ np.array(step)) / (1.0 + slopes @ np.array(step))[:, None] for step in STEPS]
-        pixels, valid = self.rig.cameras[sensor].project(sensor_from_world @ np.stack(ends))
-        pixels = np.where(valid[..., None], pixels, np.nan)
-        at, period = pixels[0], self._pyramids[sensor].period
-        right, left, below, above, later, before = (self._difference(p, at, period) for p in pixels[1:])
-        along = [(right + left) / 2, (below + above) / 2]
-        mixed = (later + before) / 2 - along[0] - along[1]
-        return at, np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
-
-    def _derivatives_by_depth(self, sensor: int, patches: Patches, rig_from_world: Pose, pixels: Array) -> Array:
-        """Return the derivatives (N, 2) of pixels by the logarithm of the distance from the template."""
-        points, _ = self._places(patches, rig_from_world)
-        farther = points + DEPTH_STEP * (points - patches.centers)
-        moved, valid = self.rig.cameras[sensor].project(self.rig.sensor_from_rig[sensor] @ rig_from_world @ farther)
-        moved = np.where(valid[:, None], moved, np.nan)
-        return self._difference(moved, pixels, self._pyramids[sensor].period) / DEPTH_STEP
-
-    @staticmethod
-    def _difference(a: Array, b: Array, period: int) -> Array:
-        """Return a - b of pixels (N, 2), across the seam if that is shorter."""
-        difference = a - b
-        if period:
-            difference[:, 0] -= period * np.round(difference[:, 0] / period)
-        return difference
-
-    def _places(self, patches: Patches, rig_from_world: Pose) -> tuple[Array, Array]:
-        """Return points (N, 3) in the world, and what a unit of the patches is there (N, 3, 2).
-
-        A patch of unknown distance is at its guess; without one it is in its last direction from the rig, so far away
-        that its parallax is zero.
-        """
-        far = rig_from_world.inverse().translation + self._far() * patches.directions
-        points = np.where(patches.has_point[:, None], patches.points, patches.guesses)
-        points = np.where(np.isfinite(points), points, far)
-        radial = points - patches.centers
-        tangents = patches.tangents * np.linalg.norm(radial, axis=1)[:, None, None]
-        return points, tangents - radial[:, :, None] * patches.slopes[:, None, :]
-
-    def _far(self) -> float:
-        """Return a distance at which the origins of rays do not matter."""
-        return 1e4 * max(1.0, *(float(np.linalg.norm(pose.translation)) for pose in self.rig.sensor_from_rig))
+    def _views(self, sensor: int, patches: Patches, rig_from_world: Pose) -> PatchViews:
+        return PatchViews(self.rig, sensor, patches, rig_from_world, self._pyramids[sensor].period)
 
     def _levels(self, sensor: int, pixels: Array) -> Indices:
         """Return the coarsest level (N,) on which patches at pixels are inside the used region; -1 for none."""
@@ -272,31 +221,6 @@ class Tracker:
         free = clearance[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
         level = np.floor(np.log2(np.maximum(free / MARGIN_PX, 1e-9))).astype(np.intp)
         return np.where(inside, np.clip(level, -1, LEVELS - 1), -1)
-
-    def _axes(self, sensor: int, patches: Patches, rig_from_world: Pose, bearings: Array) -> Array:
-        """Return the whitened tangents (N, 2, 3) of measured positions in the frame of the rig."""
-        maps = self._project(sensor, patches, rig_from_world)[1][:, :, :2]
-        points, offsets = self._places(patches, rig_from_world)
-        center = (self.rig.sensor_from_rig[sensor] @ rig_from_world).inverse().translation
-        units = rig_from_world.rotation @ (offsets / np.linalg.norm(points - center, axis=1)[:, None, None])
-        units -= bearings[:, :, None] * np.einsum("ni,nij->nj", bearings, units)[:, None, :]
-        finite = np.isfinite(maps).all(axis=(1, 2)) & np.isfinite(units).all(axis=(1, 2))
-        safe = np.where(finite[:, None, None], units, np.eye(3)[:, :2])
-        px_per_rad = maps @ np.linalg.pinv(safe)
-        of_noise = (NOISE_FACTOR * np.maximum(patches.noise, 1.0))[:, None, None] ** 2 * patches.uncertainty
-        variance = POSITION_SIGMA_PX**2 + (SLANT_SIGMA_PX * self._view_changes(patches, center)) ** 2
-        covariance = maps @ of_noise @ maps.transpose(0, 2, 1) + variance[:, None, None] * np.eye(2)
-        covariance = np.where(finite[:, None, None], covariance, np.eye(2))
-        axes = np.linalg.solve(np.linalg.cholesky(covariance), px_per_rad)
-        return np.where(finite[:, None, None], axes, np.nan)
-
-    @staticmethod
-    def _view_changes(patches: Patches, center: Array) -> Array:
-        """Return the angles (N,) between the directions of points from a camera, and from that of the template."""
-        now, then = patches.points - center, patches.points - patches.centers
-        lengths = np.linalg.norm(now, axis=1) * np.linalg.norm(then, axis=1)
-        cosine = (now * then).sum(axis=1) / np.maximum(lengths, 1e-300)
-        return np.arccos(np.clip(np.where(patches.has_point, cosine, 1.0), -1.0, 1.0))
 
     def _start(self, sensor: int, pixels: Array, rig_from_world: Pose) -> Patches:
         """Return new patches at pixels (K, 2) of the last image of a sensor."""
@@ -327,7 +251,7 @@ class Tracker:
             is_seen=np.ones(count, np.bool_),
         )
         self._next += count
-        _, maps = self._project(sensor, new, rig_from_world)
+        maps = self._views(sensor, new, rig_from_world).maps
         pyramid, level = self._pyramids[sensor], self._levels(sensor, pixels)
         at, maps = pyramid.inside(pixels), np.nan_to_num(maps)
         extract(pyramid.levels, at, maps, *new.arrays, 0, count)
