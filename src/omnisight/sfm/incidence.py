@@ -62,8 +62,9 @@ def spanning_tree(count: int, a: Indices, b: Indices, cost: Array) -> Indices:
     """Return the edges of the spanning tree of least total cost > 0; no two edges have the same ends."""
     first, last = np.minimum(a, b), np.maximum(a, b)
     tree = minimum_spanning_tree(csr_array(coo_array((cost, (first, last)), shape=(count, count)))).tocoo()
-    number = {(int(i), int(j)): e for e, (i, j) in enumerate(zip(first, last, strict=True))}
-    return np.array([number[int(i), int(j)] for i, j in zip(*tree.coords, strict=True)], np.intp)
+    order = np.lexsort((last, first))
+    keys = first[order] * count + last[order]
+    return order[np.searchsorted(keys, tree.coords[0].astype(np.intp) * count + tree.coords[1])]
 
 
 def supported_tree(count: int, a: Indices, b: Indices, support: Array, is_confirmed: NDArray[np.bool_]) -> Indices:

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array, hstack, kron
-from scipy.sparse.linalg import spsolve
+from scipy.sparse import csr_array, hstack, kron
 
 from omnisight.optim.loss import geman_mcclure_weights
+from omnisight.sfm.graph_least_squares import heaviest_tree, normal_solver
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 from omnisight.sfm.scale_averaging import ROUNDS
 
@@ -95,10 +95,13 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     if has_arms:
         prior[-1] = UNIT_PRIOR * float((matrix[:, [-1]] ** 2).sum())
 
+    def solver(weights: Array) -> Callable[[Array], Array]:
+        in_tree = heaviest_tree(count, edges.a, edges.b, weights)
+        return normal_solver(matrix, np.repeat(weights, 3), np.repeat(in_tree, 3), prior)
+
     def solve(weights: Array) -> tuple[Array, Array]:
         """Return the solution and the lengths (E,) of the residuals."""
-        weighted = diags_array(np.repeat(weights, 3)) @ matrix
-        solution = np.asarray(spsolve((matrix.T @ weighted + diags_array(prior)).tocsc(), weighted.T @ right), float)
+        solution = solver(weights)(matrix.T @ (np.repeat(weights, 3) * right))
         return solution, np.linalg.norm((matrix @ solution - right).reshape(-1, 3), axis=1)
 
     weights = support = edges.support / edges.support.mean()
@@ -111,9 +114,8 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     positions = np.vstack([np.zeros((1, 3)), solution[: 3 * (count - 1)].reshape(-1, 3)])
     if not has_arms:
         return AveragedPositions(positions, 1.0)
-    normal = matrix.T @ diags_array(np.repeat(weights, 3)) @ matrix + diags_array(prior)
     last = np.append(np.zeros(matrix.shape[1] - 1), 1.0)
-    sigma = float(np.sqrt(np.asarray(spsolve(normal.tocsc(), last), float)[-1]))
+    sigma = float(np.sqrt(solver(weights)(last)[-1]))
     unit = max(float(solution[-1]), sigma)
     return AveragedPositions(positions / unit, unit)
 

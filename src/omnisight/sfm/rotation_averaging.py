@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order
-from scipy.sparse.linalg import spsolve
 
 from omnisight.geometry import rotation as so3
 from omnisight.optim.loss import geman_mcclure_weights
+from omnisight.sfm.graph_least_squares import heaviest_tree, normal_solver
 from omnisight.sfm.incidence import incidence_matrix, supported_tree, triangles, unique_edges
 
 Array = NDArray[np.float64]
@@ -149,6 +149,5 @@ def _solve_laplacian(count: int, edges: RelativeRotations, weights: Array, diffe
     if count < 2:
         return np.zeros((count, 3))
     incidence = incidence_matrix(count, edges.a, edges.b)
-    weighted = incidence.multiply(weights[:, None])
-    solution = np.asarray(spsolve((incidence.T @ weighted).tocsc(), weighted.T @ differences), float)
-    return np.vstack([np.zeros((1, 3)), solution.reshape(-1, 3)])
+    solve = normal_solver(incidence, weights, heaviest_tree(count, edges.a, edges.b, weights))
+    return np.vstack([np.zeros((1, 3)), solve(incidence.T @ (weights[:, None] * differences))])
