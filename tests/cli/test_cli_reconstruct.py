@@ -135,6 +135,18 @@ def test_other_images_are_not_continued(run, room, tmp_path, monkeypatch):
     assert len(set(work.iterdir()) - kept) == 2  # the keypoints of the other image, and the pair
 
 
+def test_similar_images_are_selected_once(room, tmp_path, monkeypatch):
+    monkeypatch.setattr("omnisight.pipeline.reconstruction.reconstruct.MAX_EXHAUSTIVE", 2)
+    files, calls = sorted(room.glob("*.png"))[:3], []
+    monkeypatch.setattr(
+        "omnisight.pipeline.reconstruction.stored_stages.similar_pairs",
+        lambda *arguments: calls.append(None) or om.similar_pairs(*arguments),
+    )
+    first, second = (om.reconstruct(files, work=tmp_path / "work") for _ in range(2))
+    assert len(calls) == 1
+    assert np.array_equal(*(each.models[0].points.position for each in (first, second)))
+
+
 def test_a_full_disk_is_reported_and_the_earlier_model_kept(run, room, tmp_path, monkeypatch):
     model = tmp_path / "model"
     assert run("reconstruct", room, "-o", model)[0] == 0

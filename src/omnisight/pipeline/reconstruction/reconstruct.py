@@ -22,9 +22,8 @@ from omnisight.pipeline.reconstruction.metric_world import MetricWorld
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
 from omnisight.pipeline.reconstruction.self_calibration import CONVERGED_RAD, MAX_ROUNDS
-from omnisight.pipeline.reconstruction.stored_stages import match
+from omnisight.pipeline.reconstruction.stored_stages import match, similar
 from omnisight.pipeline.reconstruction.unregistered_images import unregistered_images
-from omnisight.places import similar_pairs
 from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_changes
@@ -82,8 +81,8 @@ def reconstruct(
     progress
         Called with the stage, the work done and the total.
     work
-        Folder for keypoints and relative poses: after an interruption, the same call continues with them. It can be
-        deleted afterwards.
+        Folder for keypoints, pairs and relative poses: after an interruption, the same call continues with them. It can
+        be deleted afterwards.
 
     Returns
     -------
@@ -141,7 +140,7 @@ class _ReconstructionSteps:
     progress
         Called with the stage, the work done and the total.
     work
-        Folder of keypoints and relative poses.
+        Folder of keypoints, pairs and relative poses.
     start
         Time at which the computation started, seconds.
     """
@@ -280,9 +279,9 @@ class _ReconstructionSteps:
         """Select pairs of images."""
         selecting, are_many = partial(self.progress, "selecting pairs"), len(keypoints) > MAX_EXHAUSTIVE
         if self.options.pairs == "auto" and are_many:
-            return similar_pairs(keypoints, NEIGHBOURS, selecting)
+            return similar(self.work, keypoints, NEIGHBOURS, selecting)
         if self.options.pairs == "sequential":
-            loops = similar_pairs(keypoints, LOOP_NEIGHBOURS, selecting) if are_many else []
+            loops = similar(self.work, keypoints, LOOP_NEIGHBOURS, selecting) if are_many else []
             return sorted({*_near_pairs(images.frame, self.options.window), *loops})
         pairs = list(combinations(range(len(keypoints)), 2))
         return pairs if self.options.pairs == "all" else overlapping_pairs(keypoints, pairs, selecting)

@@ -1,4 +1,4 @@
-"""Keypoints of images and relative poses of pairs, which a work folder keeps."""
+"""Keypoints of images, pairs of similar images and relative poses, which a work folder keeps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
@@ -13,6 +13,7 @@ from omnisight.formats.native import to_json
 from omnisight.geometry.pose import Pose
 from omnisight.images.colors import colors_at
 from omnisight.pipeline.inputs.work_folder import Arrays, WorkFolder, digest
+from omnisight.places import similar_pairs
 from omnisight.progress import StageProgress
 from omnisight.sfm.view_graph import Edge, ViewGraph, match_pairs
 
@@ -47,6 +48,18 @@ def detected_arrays(
 def from_detected_arrays(arrays: Arrays) -> tuple[Keypoints, Bytes]:
     """Return the keypoints and colours of stored arrays."""
     return Keypoints(**{name: arrays[name] for name in KEYPOINT_ARRAYS}), arrays["colors"]
+
+
+def similar(
+    work: WorkFolder, keypoints: Sequence[Keypoints], neighbours: int, progress: StageProgress
+) -> list[tuple[int, int]]:
+    """Return the pairs of each image with the most similar ones; see `similar_pairs`."""
+
+    def compute() -> Arrays:
+        return {"pairs": np.array(similar_pairs(keypoints, neighbours, progress), np.int64).reshape(-1, 2)}
+
+    key = digest(neighbours, [each.descriptors for each in keypoints])
+    return [(a, b) for a, b in work.arrays(f"similar-{key}", compute)["pairs"].tolist()]
 
 
 def match(
