@@ -1,7 +1,7 @@
 """A rig: several rigidly connected cameras and their poses."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple, Self
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Sensor = Camera | RayCamera
 
 MAX_SHOWN = 3  # cameras in the text of a rig
+FRAME_ENTRIES = "rig_frame", "frame"  # of the provenance, which name the frame of the rig
 ROUNDING = 1e-12  # of the matrix of an identity that a program inverted and wrote
 
 
@@ -188,7 +189,13 @@ class Rig(Displayed):
         if covariance is not None:
             jacobian = _reference_jacobian(poses, self.sensor_from_rig[ref].translation, ref)
             covariance = jacobian @ covariance @ jacobian.T
-        return dataclasses.replace(self, sensor_from_rig=tuple(poses), covariance=covariance)
+        return self.in_frame(poses, covariance)
+
+    def in_frame(self, sensor_from_rig: Iterable[Pose], covariance: NDArray[np.float64] | None = None) -> Self:
+        """Return the rig with poses in another frame: its provenance does not name the frame of before."""
+        provenance = {key: value for key, value in self.provenance.items() if key not in FRAME_ENTRIES}
+        changed = {"sensor_from_rig": tuple(sensor_from_rig), "covariance": covariance, "provenance": provenance}
+        return dataclasses.replace(self, **changed)
 
     def relative_pose(self, a: int | str, b: int | str) -> RelativePose:
         """Return b_from_a of two cameras with its covariance."""

@@ -87,6 +87,16 @@ def test_another_rig_frame_keeps_the_relative_poses(name, tmp_path):
     assert written.translation < 1e-12
 
 
+def test_the_frame_of_an_imu_is_forgotten_with_the_frame(tmp_path):
+    save(rig_of("basalt"), tmp_path / "basalt.json", format="basalt")
+    rig = load_rig(tmp_path / "basalt.json")
+    assert rig.provenance["rig_frame"] == "imu"
+    moved = rig.with_reference(0)
+    assert "rig_frame" not in moved.provenance
+    save(moved, tmp_path / "kalibr.yaml", format="kalibr")
+    assert "T_cam_imu" not in (tmp_path / "kalibr.yaml").read_text()
+
+
 @pytest.mark.parametrize("name", RIG_FORMATS)
 def test_time_offsets_and_covariances_are_kept_or_reported(name, tmp_path):
     rig = rig_of(name)

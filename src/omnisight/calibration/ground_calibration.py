@@ -152,7 +152,7 @@ def calibrate_ground(rig: Rig, marks: Mapping[str, GroundMarks]) -> GroundCalibr
     covariance = np.zeros((6 * len(rig), 6 * len(rig)))
     for k, block in enumerate(blocks):
         covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = block
-    calibrated = replace(rig, sensor_from_rig=tuple(poses), covariance=covariance, unit="m")
+    calibrated = replace(rig.in_frame(poses, covariance), unit="m")
     return GroundCalibration(calibrated, marks, fits)
 
 

@@ -1,6 +1,5 @@
 """The ground from a calibration board that lies on it, in an image of one camera of a rig."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +78,7 @@ def rig_on_plane(rig: Rig, name: str, points: ArrayLike, pixels: ArrayLike) -> G
     residuals = np.linalg.norm(predicted - pixels[valid], axis=1)
     rms = float(np.sqrt(np.mean(residuals[found.inliers] ** 2)))
     fit = CameraFit(rms, found.inliers, above, _height_sigma(found))
-    return GroundCalibration(dataclasses.replace(rig, sensor_from_rig=poses, covariance=None), {}, {name: fit})
+    return GroundCalibration(rig.in_frame(poses), {}, {name: fit})
 
 
 def _height_sigma(found: AbsolutePose) -> float:

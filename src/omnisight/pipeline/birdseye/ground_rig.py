@@ -1,6 +1,5 @@
 """The rig in the frame of the ground: from markings on the ground, from its height, or as it is."""
 
-import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -149,6 +148,4 @@ def _at_height(rig: Rig, height: float, pitch: float, roll: float) -> Rig:
     """Return the rig with its origin at a height (metres) above the ground; pitch and roll in degrees."""
     # `look` returns the rotation from the ground's axes to those of the rig.
     rig_from_ground = Pose(look(0.0, pitch, roll)) @ Pose(translation=np.array([0.0, height, 0.0]))
-    return dataclasses.replace(
-        rig, sensor_from_rig=tuple(pose @ rig_from_ground for pose in rig.sensor_from_rig), covariance=None
-    )
+    return rig.in_frame(pose @ rig_from_ground for pose in rig.sensor_from_rig)
