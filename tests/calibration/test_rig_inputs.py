@@ -233,7 +233,12 @@ def test_wrong_input_is_refused_with_the_value(tmp_path):
     om.save(rig_scene("stereo", 6).rig.cameras[0].scaled(0.5), small)
     with pytest.raises(ValueError, match=r"left: .*480x360 px, but these are 960x720 px: are the folders"):
         om.calibrate_rig(observations, om.CalibrateRigOptions(camera=(f"left={small}",)))
-    for text, message in (("camera,frame\n", "has no column seconds"), ("camera,frame,seconds\nleft,0,x\n", "line 2")):
+    invalid = {
+        "camera,frame\n": "has no column seconds",
+        "camera,frame,seconds\nleft,0,x\n": "line 2",
+        200_000 * "0": "times.csv: is no CSV file",
+    }
+    for text, message in invalid.items():
         (tmp_path / "times.csv").write_text(text)
         with pytest.raises(ValueError, match=message):
             om.calibrate_rig(observations, dataclasses.replace(FISHEYE, times=tmp_path / "times.csv"))

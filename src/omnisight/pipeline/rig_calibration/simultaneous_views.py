@@ -204,6 +204,13 @@ def read_times(path: Path) -> dict[str, dict[str, float]]:
             f"{path}: {path.stat().st_size} bytes; a file of times has at most {MAX_TIMES_BYTES}:"
             " specify a CSV file with the columns camera,frame,seconds"
         )
+    try:
+        return _times(path)
+    except csv.Error as error:
+        raise ValueError(f"{path}: is no CSV file: {error}") from error
+
+
+def _times(path: Path) -> dict[str, dict[str, float]]:
     times: dict[str, dict[str, float]] = {}
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         reader = csv.DictReader(file)
