@@ -130,6 +130,7 @@ def test_the_library_estimates_a_distance_and_takes_arrays(head):
         (("front.png", "back.png", "--mask", "truth.png"), "1 masks and 2 cameras"),
         (("front.png", "back.png", "--mask", "truth.png", "--mask", "truth.png"), "is 512 x 256 px"),
         (("front.png", "back.png", "--at", "3"), "no unit"),
+        (("front.png", "back.png", "--save-rig", "rig.xyz"), ".xyz"),
     ],
 )
 def test_invalid_input_is_explained(head, capsys, tmp_path, change, message):
@@ -140,6 +141,34 @@ def test_invalid_input_is_explained(head, capsys, tmp_path, change, message):
     assert message in err
     assert "Traceback" not in err
     assert not (tmp_path / last).exists()
+
+
+def test_metres_need_a_rig_in_metres(head):
+    rig = dataclasses.replace(om.load_rig(head / "rig.json"), unit="squares")
+    images = [om.read_image(head / f"{name}.png") for name in rig.names]
+    with pytest.raises(ValueError, match="--at 3m: the lengths of the rig are in squares"):
+        om.stitch(images, rig, om.StitchOptions(width=256, at="3m"))
+
+
+def test_the_rig_is_not_replaced_by_the_estimated_one(head, capsys, tmp_path):
+    images, rig = [head / f"{name}.png" for name in ("front", "back")], tmp_path / "rig.json"
+    rig.write_bytes((head / "rig.json").read_bytes())
+    status, _, err = run(capsys, "stitch", *images, "--rig", rig, "--save-rig", rig, "-o", tmp_path / "sphere.jpg")
+    assert status == 2
+    assert "rig.json: is one of the inputs" in err
+    assert rig.read_bytes() == (head / "rig.json").read_bytes()
+
+
+def test_lenses_that_were_given_have_no_sigma(head, capsys, tmp_path):
+    images, cameras = [head / f"{name}.png" for name in ("front", "back")], list[object]()
+    for k, camera in enumerate(om.load_rig(head / "rig.json").cameras):
+        om.save(camera, tmp_path / f"{k}.json")
+        cameras += ["--camera", tmp_path / f"{k}.json"]
+    command = "stitch", *images, *cameras, "--width", 256, "-o", tmp_path / "sphere.jpg"
+    status, out, _ = run(capsys, *command, "--json")
+    assert status == 0
+    assert json.loads(out)["lens_sigmas"] == []
+    assert "focal length" not in run(capsys, *command)[1]
 
 
 def test_cameras_without_overlap_state_the_missing_angle(head):

@@ -90,14 +90,18 @@ def _angle(rotation: Any) -> float:
 
 
 def _focal_length(head: HeadCalibration, lens: int) -> str:
-    """Return the estimated focal length of a lens, for the report."""
-    focal, sigma = head.cameras[lens].model.to_dict()["fx"], _lens_sigmas(head)[lens]["fx"]
-    return f", focal length {focal:.0f} ± {rounded(sigma or 0)} px"
+    """Return the estimated focal length of a lens, for the report; empty if the cameras were given."""
+    sigmas = _lens_sigmas(head)
+    if not sigmas:
+        return ""
+    return f", focal length {head.cameras[lens].model.to_dict()['fx']:.0f} ± {rounded(sigmas[lens]['fx'] or 0)} px"
 
 
 def _lens_sigmas(head: HeadCalibration) -> list[dict[str, float | None]]:
-    """Return the standard deviations of the focal length (px), k1 and k2 of both lenses."""
+    """Return the standard deviations of the focal length (px), k1 and k2 of both lenses, if they were estimated."""
     sigmas = np.sqrt(np.diagonal(head.covariance))
+    if not sigmas[:-3].any():
+        return []
     found = list[dict[str, float | None]]()
     for k, camera in enumerate(head.cameras):
         focal, k1, k2 = sigmas[5 * k : 5 * k + 3]

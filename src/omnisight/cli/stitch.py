@@ -48,11 +48,14 @@ def stitch(
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._progress import progress
     from omnisight.cli._stitch_report import print_json, print_report
-    from omnisight.formats import save
+    from omnisight.formats import format_of_suffix, save
+    from omnisight.images.output_paths import refuse_overwrite
     from omnisight.pipeline.stitching.stitch import stitch as run
 
     if save_rig is not None:
         must_be_writable(save_rig)
+        format_of_suffix(save_rig)
+        refuse_overwrite([save_rig], [*([rig] if rig else []), *(camera or []), *options.mask])
     done = None
     with progress() as report:
         if batch.apply_to(*map(str, images), output):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,7 @@ class HeadFrames:
         with closing(self.clip_frames()) as moments:
             yield from (self.images(frames) for frames in moments)
 
-    @property
+    @cached_property
     def clips(self) -> list[Clip]:
         """The clips."""
         return [Clip.open(Path(str(source)), upright=self.apply_exif) for source in self.sources[0]]

@@ -22,11 +22,12 @@ class StitchOptions(Options):
     level
         Estimate the vertical from lines of the scene, and level the horizon.
     yaw
-        Direction of the centre of the sphere, degrees right of the axis of the first camera.
+        Direction of the centre of the sphere, degrees right of the z axis of the rig: without a rig, of the axis of the
+        first camera.
     pitch
-        Pitch of the first camera, degrees, positive up, to level the horizon.
+        Pitch of the rig, degrees, positive up, to level the horizon.
     roll
-        Roll of the first camera, degrees, positive clockwise.
+        Roll of the rig, degrees, positive clockwise.
     heading
         Heading of the centre of the sphere, degrees clockwise from north, for the tags of photos.
     warp

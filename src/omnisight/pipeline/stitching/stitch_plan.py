@@ -75,7 +75,7 @@ def plan_frames(
     """Estimate what is common to all frames; see `omnisight.stitch`."""
     head = head_rig(frames, rig, cameras, options)
     first = next(iter(frames))
-    samplers, distance = _placed(head.samplers(), first, options.at)
+    samplers, distance = _placed(head.samplers(), first, options.at, head.rig.unit)
     vertical = _vertical(samplers, first, options)
     sphere_from_rig = _orientation(vertical, options)
     camera = sphere(options.width or head.native_width())
@@ -83,9 +83,11 @@ def plan_frames(
     return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, seam_plan)
 
 
-def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
-    """Return the samplers for the specified or estimated distance, and that distance."""
+def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str, unit: str) -> tuple[list[Sampler], float]:
+    """Return the samplers for the specified or estimated distance, and that distance in the unit of the rig."""
     if at not in ("auto", "inf"):
+        if unit != "m":
+            raise ValueError(f"--at {at}: the lengths of the rig are in {unit}, not in metres: use --at auto or inf")
         distance = parse_length(at, "--at")
         return [dataclasses.replace(s, distance=distance) for s in samplers], distance
     baseline = max(float(np.linalg.norm(s.sensor_from_rig.translation)) for s in samplers)
