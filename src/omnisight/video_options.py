@@ -51,9 +51,8 @@ class VideoOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        limit = 63 if self.codec in ("av1", "vp9") else 51
-        if self.crf is not None and not 0 <= self.crf <= limit:
-            raise ValueError(f"crf is {self.crf}; choose 0 (best) to {limit}")
+        if self.codec is not None:
+            self._check_quality(self.codec)
         if self.codec == "prores" and self.crf is not None:
             raise ValueError("prores has no crf: leave it out")
 
@@ -72,6 +71,10 @@ class VideoOptions(Options):
         if codec not in CONTAINERS[suffix]:
             others = ", ".join(s for s, codecs in CONTAINERS.items() if codec in codecs)
             raise ValueError(f"{output}: {codec} is not written in {suffix} files; use {others}, or another --codec")
-        if codec not in ("av1", "vp9") and self.crf is not None and self.crf > 51:
-            raise ValueError(f"crf is {self.crf}; choose 0 (best) to 51")
+        self._check_quality(codec)
         return codec
+
+    def _check_quality(self, codec: Codec) -> None:
+        limit = 63 if codec in ("av1", "vp9") else 51
+        if self.crf is not None and not 0 <= self.crf <= limit:
+            raise ValueError(f"crf is {self.crf}; choose 0 (best) to {limit}")

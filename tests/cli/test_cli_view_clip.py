@@ -12,6 +12,7 @@ import omnisight as om
 from clips import write_clip
 from omnisight.geometry.rotation import exp
 from omnisight.images import Clip
+from omnisight.pipeline.views.view_renderer import hatch
 from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
 COUNT, RATE, SIDE = 10, 20, 320
@@ -124,6 +125,7 @@ def test_a_following_view_loses_the_shake_but_turns(source, view, rotations):
         (("-o", "a.avi"), "a video is written as .mp4"),
         (("-o", "a.mp4", "--codec", "vp9"), "vp9 is not written in .mp4 files; use .mkv, .webm"),
         (("-o", "a.mp4", "--crf", "70"), "choose 0 (best) to 51"),
+        (("-o", "a.webm", "--crf", "64"), "choose 0 (best) to 63"),
         (("-o", "a.mp4", "-o", "b.mp4", "--yaw", "1", "--yaw", "2", "--yaw", "3"), "--yaw is given 3 times"),
         (("-o", "a.mp4", "-o", "a.mp4"), "two views have the same file"),
         (("-o", "a.mp4", "--follow", "1"), "specify their file too"),
@@ -202,3 +204,14 @@ def test_memory_does_not_depend_on_the_length_of_the_clip(source, tmp_path):
         if k == 50:
             break
     assert len(taken) < 60
+
+
+def test_the_quality_of_the_codec_of_webm_is_up_to_63(tmp_path):
+    assert om.VideoOptions(crf=60).codec_of(tmp_path / "a.webm") == "vp9"
+
+
+def test_hatching_is_white_in_the_depth_of_the_image_and_keeps_alpha():
+    everywhere = np.ones((20, 20), bool)
+    luma = hatch(np.full((20, 20), 500, np.uint16), everywhere, 1023)
+    assert set(np.unique(luma)) == {0, 500, 1023}
+    assert (hatch(np.full((20, 20, 4), 200, np.uint8), everywhere)[..., 3] == 200).all()

@@ -149,7 +149,7 @@ class _ClipView:
         view = self._faces[0](frame) if len(self._faces) == 1 else _cross([face(frame) for face in self._faces])
         if self._hatched is not None:
             luma, (height, width) = view.planes[0], self._hatched.shape
-            luma[:height, :width] = hatch(luma[:height, :width], self._hatched)
+            luma[:height, :width] = hatch(luma[:height, :width], self._hatched, (1 << view.depth) - 1)
         return view
 
     def result(self, file: Path) -> ViewResult:

@@ -89,12 +89,17 @@ class ViewRenderer:
         )
 
 
-def hatch(image: NDArray[Any], where: Mask) -> NDArray[Any]:
-    """Return the image with bright and dark diagonal lines where a mask (H, W) is set."""
+def hatch(image: NDArray[Any], where: Mask, white: float | None = None) -> NDArray[Any]:
+    """Return the image with bright and dark diagonal lines where a mask (H, W) is set, without change of its alpha.
+
+    White is by default the largest value of the type, or 1.
+    """
     rows, columns = np.indices(where.shape, np.int32)
     phase = (rows + columns) % HATCH_PERIOD_PX
     hatched = image.copy()
-    white = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
-    hatched[where & (phase < HATCH_LINE_PX)] = white
-    hatched[where & (phase >= HATCH_LINE_PX) & (phase < 2 * HATCH_LINE_PX)] = 0
+    if white is None:
+        white = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
+    colors = hatched[..., :3] if image.ndim == 3 else hatched
+    colors[where & (phase < HATCH_LINE_PX)] = white
+    colors[where & (phase >= HATCH_LINE_PX) & (phase < 2 * HATCH_LINE_PX)] = 0
     return hatched
