@@ -8,6 +8,7 @@ import pytest
 
 import omnisight as om
 from omnisight.geometry.rotation import exp
+from omnisight.images.video_writer import VideoWriter
 from omnisight.pipeline.inputs.image_set import image_set
 from omnisight.pipeline.reconstruction.known_positions import read_positions
 from omnisight.simulation import Renderer, scene_named
@@ -133,3 +134,40 @@ def test_rows_without_a_number_are_reported(images):
     found = read_positions(table, files)
     assert np.isfinite(found.positions).all(axis=1).tolist() == [True, True, False]
     assert found.warnings[0].startswith(f"{table}: line 4 is not used: ")
+
+
+def test_a_row_of_two_images_of_one_name_is_refused(images):
+    for camera in ("back", "front"):
+        (images / camera).mkdir()
+        om.write_image(images / camera / "0.png", np.zeros((10, 20), np.uint8))
+    for image in images.glob("*.png"):
+        image.unlink()
+    files, table = image_set(images), images.parent / "positions.csv"
+    table.write_text("name, x, y, z\n back/0.png , 1, 2, 3\n")
+    found = read_positions(table, files).positions[files.names.index("back/0.png")]
+    assert found.tolist() == [1.0, 2.0, 3.0]
+    table.write_text("name,x,y,z\n0.png,1,2,3\n")
+    with pytest.raises(ValueError, match=r"positions.csv, line 2: 0.png: 2 images have this name"):
+        read_positions(table, files)
+
+
+def test_a_folder_of_masks_has_one_for_the_camera(refuses, images):
+    masks = images.parent / "masks"
+    masks.mkdir()
+    command = "reconstruct", images, "--mask", masks, "-o", images.parent / "model"
+    assert "masks: contains 0 files: specify the file" in refuses(*command)
+    om.write_image(masks / "robot.png", np.zeros((10, 20), np.uint8))
+    assert "robot.png" in refuses(*command)
+
+
+def test_frames_of_a_clip_are_chosen_by_time_and_not_written_again(tmp_path):
+    texture = np.random.default_rng(0).integers(0, 255, (64, 96, 3), np.uint8)
+    times = [*(k / 30 for k in range(30)), *(1 + k / 10 for k in range(10))]
+    with VideoWriter(tmp_path / "clip.mp4", (96, 64), 30.0, om.VideoOptions(crf=10)) as writer:
+        for seconds in times:
+            writer.write(texture, seconds)
+    files = om.extract_frames(tmp_path / "clip.mp4", tmp_path / "frames", 2.0)
+    assert [int(times[int(file.stem[-6:])] * 2) for file in files] == [0, 1, 2, 3]
+    before = [file.stat().st_mtime_ns for file in files]
+    assert om.extract_frames(tmp_path / "clip.mp4", tmp_path / "frames", 2.0) == files
+    assert [file.stat().st_mtime_ns for file in files] == before

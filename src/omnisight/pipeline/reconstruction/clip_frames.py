@@ -1,6 +1,6 @@
 """Frames of a video clip or a ROS bag as image files: the counterpart of `omnisight reconstruct clip.mp4`."""
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import Clip, to_gray8, write_image
+from omnisight.images import Clip, encode_image, to_gray8, write_bytes
 from omnisight.images.ros_bag import ImageBag, is_bag
 from omnisight.progress import Progress, no_progress
 
 # Width, px, of the thumbnails whose sharpness is compared.
 THUMBNAIL_WIDTH_PX = 640
+# Rounding error of a time in intervals.
+ROUNDING = 1e-6
 
 
 def extract_frames(
@@ -69,8 +71,12 @@ def extract_frames(
 
     def write(frame: _Frame | None) -> None:
         if frame is not None:
-            written.append(target / f"{source.stem}-{frame.index:06d}.jpg")
-            write_image(written[-1], frame.image)
+            file = target / f"{source.stem}-{frame.index:06d}.jpg"
+            data = encode_image(frame.image, file.name)
+            # An equal file keeps its time, by which an interrupted batch recognizes it.
+            if not (file.is_file() and file.read_bytes() == data):
+                write_bytes(file, data)
+            written.append(file)
 
     sharpest, most, interval, count = None, 0.0, 0, 0
     for frame in frames:
@@ -99,23 +105,24 @@ class _Frame:
 
 def _of_clip(clip: Clip, fps: float) -> tuple[int, Iterator[_Frame]]:
     """Return the declared number of frames of a clip, and those that can be read."""
-    length = max(clip.frame_rate / fps, 1.0)
-    frames = clip.frames(limit=None)
-    return clip.declared_frames or 0, (_Frame(f.index, int(f.index / length), f.image) for f in frames)
+    frames = ((f.index, f.seconds, f.image) for f in clip.frames(limit=None))
+    return clip.declared_frames or 0, _in_intervals(frames, fps)
 
 
 def _of_bag(source: Path, topic: str | None, fps: float) -> tuple[int, Iterator[_Frame]]:
     """Return the number of messages of a bag, and the frames that can be read."""
     bag = ImageBag.open(source, topic)
-    return bag.declared_frames, _readable(bag, fps)
+    return bag.declared_frames, _in_intervals(
+        ((index, f.seconds, f.image) for index, f in enumerate(bag.frames()) if f.image is not None), fps
+    )
 
 
-def _readable(bag: ImageBag, fps: float) -> Generator[_Frame]:
+def _in_intervals(frames: Iterable[tuple[int, float, NDArray[Any]]], fps: float) -> Generator[_Frame]:
+    """Yield frames, given by their index, time (s) and image, with their interval since the first."""
     start = None
-    for index, frame in enumerate(bag.frames()):
-        if frame.image is not None:
-            start = frame.seconds if start is None else start
-            yield _Frame(index, int((frame.seconds - start) * fps), frame.image)
+    for index, seconds, image in frames:
+        start = seconds if start is None else start
+        yield _Frame(index, int((seconds - start) * fps + ROUNDING), image)
 
 
 def _sharpness(gray: NDArray[np.uint8]) -> float:

@@ -1,5 +1,6 @@
 """The cameras that took a set of images, their masks, and the candidates for those without calibration."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,7 @@ from omnisight.images import estimate_image_field, read_mask, readable_images, t
 from omnisight.pipeline.inputs.camera_sources import CameraSources
 from omnisight.pipeline.inputs.central_camera import camera_of_image
 from omnisight.pipeline.inputs.image_set import ImageSet
+from omnisight.pipeline.inputs.images_of_cameras import load_masks
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.self_calibration import candidate_cameras
 
@@ -64,7 +66,7 @@ def cameras_of_images(files: ImageSet, sources: CameraSources, options: Reconstr
     of_image = files.camera.tolist()
     if missing := [name for k, name in enumerate(sources.names) if k not in of_image]:
         raise ValueError(f"{files.paths[0].parent}: no images of the camera {missing[0]!r}: leave the camera out")
-    cameras, masks, candidates = list[Camera](), list[Mask | None](), list[list[Camera]]()
+    cameras, candidates = list[Camera](), list[list[Camera]]()
     first = list[str]()
     for k in range(len(sources.sources)):
         path, image = next(readable_images(files.of_camera(k), apply_exif=options.apply_exif))
@@ -73,7 +75,7 @@ def cameras_of_images(files: ImageSet, sources: CameraSources, options: Reconstr
         candidates.append(_candidates(files, k, options) if sources.is_unknown(k, size) else [])
         source = candidates[k][0] if candidates[k] else sources.sources[k]
         cameras.append(camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera))
-        masks.append(_read_mask(options.mask, sources.names[k] if sources.names else "", size))
+    masks = _read_masks(options.mask, sources.names, [camera.size for camera in cameras])
     return ImageCameras(tuple(cameras), tuple(masks), tuple(candidates), tuple(first))
 
 
@@ -84,9 +86,15 @@ def _candidates(files: ImageSet, camera: int, options: ReconstructOptions) -> li
     return candidate_cameras(estimate_image_field([image for image in images if image.shape == images[0].shape]))
 
 
-def _read_mask(path: Path | None, camera: str, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-    """Return the mask of a camera: that of all, or the file with its name in a folder; None if there is none."""
+def _read_masks(
+    path: Path | None, names: Sequence[str], sizes: Sequence[tuple[int, int]]
+) -> list[NDArray[np.bool_] | None]:
+    """Return the mask of each camera: that of all, or the file with its name in a folder; None if there is none."""
     if path is None or not path.is_dir():
-        return None if path is None else read_mask(path, size)
-    named = [file for file in sorted(path.iterdir()) if file.stem == camera]
-    return read_mask(named[0], size) if named else None
+        return [None if path is None else read_mask(path, size) for size in sizes]
+    if names:
+        return load_masks(path, names, dict(zip(names, sizes, strict=True)))
+    files = [file for file in sorted(path.iterdir()) if file.is_file()]
+    if len(files) != 1:
+        raise ValueError(f"{path}: contains {len(files)} files: specify the file of the mask of the camera")
+    return [read_mask(files[0], sizes[0])]

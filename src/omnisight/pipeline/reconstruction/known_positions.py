@@ -91,10 +91,12 @@ def image_named(files: ImageSet, name: str) -> int:
         if len(found) == 1:
             return found[0]
         if found:
-            raise ValueError(
-                f"{name}: {len(found)} images have this name, such as {files.names[found[0]]}: add the folder"
-            )
+            raise ValueError(_ambiguous(name, files, found))
     raise ValueError(f"{name}: no such image; the first is {files.names[0]}")
+
+
+def _ambiguous(name: str, files: ImageSet, found: Sequence[int]) -> str:
+    return f"{name}: {len(found)} images have this name, such as {files.names[found[0]]}: add the folder"
 
 
 def _exif_positions(files: ImageSet) -> KnownPositions:
@@ -122,11 +124,16 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
             " name,latitude,longitude,altitude"
         )
     name_column, columns = header.index("name"), [header.index(column) for column in kind]
-    number = {name: i for i, name in reversed(list(enumerate(files.names)))}
-    number |= {PurePosixPath(name).name: i for name, i in number.items()}
+    by_file = dict[str, list[int]]()
+    for i, name in enumerate(files.names):
+        by_file.setdefault(PurePosixPath(name).name, []).append(i)
+    images = by_file | {name: [i] for i, name in enumerate(files.names)}
     positions, line_of_image = np.full((len(files), 3), np.nan), dict[int, int]()
     for line, row in enumerate(rows[1:], start=2):
-        if len(row) > name_column and (image := number.get(row[name_column])) is not None:
+        name = row[name_column].strip() if len(row) > name_column else ""
+        for image in (found := images.get(name, [])):
+            if len(found) > 1:
+                raise ValueError(f"{path}, line {line}: {_ambiguous(name, files, found)}")
             cells = [row[c] if c < len(row) else "" for c in columns]
             positions[image], line_of_image[image] = _position(cells, kind, f"{path}, line {line}"), line
     found = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
