@@ -18,7 +18,7 @@ from omnisight.simulation.trajectory import Trajectory, read_trajectory, write_t
 # Images of the drive, 0.57 m apart.
 IMAGES_OF_DRIVE = 10_000
 # First image: before a corner, because positions along a straight street have no orientation about it.
-FIRST = 100
+FIRST = 700
 # Crossings along each side of the town.
 CROSSINGS = 7
 # Shift of the images of a visit against those of the visit before, as a share of their distance: no two visits have
