@@ -234,7 +234,8 @@ def test_a_board_on_the_ground_determines_the_height(run, folder):
     ground_from_board = om.Pose(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.array([-0.8, 0.0, 4.6]))
     board = BoardInScene(om.Checkerboard.parse("8x6", square="200mm"), cam_from_ground @ ground_from_board)
     scene = Scene((), sky=Texture.plain((110, 110, 110)))
-    (folder / "board").mkdir()
+    for name in ("board", "half"):
+        (folder / name).mkdir()
     image = folder / "board" / "front.png"
     om.write_image(image, Renderer(camera, cam_from_ground.inverse(), scene, samples=2)([board]).image)
     tilt = om.Pose(om.look(3.0, 4.0, 2.0)) @ om.Pose(translation=np.array([0.0, 0.3, 0.1]))
@@ -248,6 +249,11 @@ def test_a_board_on_the_ground_determines_the_height(run, folder):
     status, _, err = run(*arguments(folder), *given)
     assert status == 2
     assert "--square" in err
+    om.write_image(folder / "half" / "front.png", om.read_image(image)[::2, ::2])
+    resized = ("--ground-board", folder / "half" / "front.png", *given[2:])
+    status, _, err = run(*arguments(folder), *resized, "--square", "200mm")
+    assert status == 2
+    assert "half/front.png: the image is" in err.replace("\\", "/")
     image.write_bytes(jpeg(np.rot90(om.read_image(image))[..., ::-1], 6))
     status, out, err = run(*arguments(folder), *given, "--square", "200mm", "--apply-exif")
     assert status == 0, err
