@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -85,6 +86,52 @@ def test_images_are_rotated_by_their_orientation(head, capsys, tmp_path):
     written = sorted((tmp_path / "batch").glob("*.jpg"))
     assert len(written) == 2
     assert difference(om.read_image(written[0]), om.read_image(spheres[0])) < 2
+
+
+def frames(head, folder):
+    """Write two frames of the head with their images side by side, and return the arguments."""
+    folder.mkdir()
+    for name in ("front", "back"):
+        for k in range(2):
+            om.write_image(folder / f"{name}_{k}.jpg", om.read_image(head / f"{name}.png"))
+    return ("stitch", folder, "--rig", head / "rig.json", "--width", 256)
+
+
+def test_spheres_do_not_replace_the_images(head, capsys, tmp_path):
+    command = frames(head, tmp_path / "images")
+    before = {path: path.read_bytes() for path in (tmp_path / "images").iterdir()}
+    status, _, err = run(capsys, *command, "-o", tmp_path / "images")
+    assert status == 2
+    assert "front_0.jpg: is one of the inputs" in err
+    assert before == {path: path.read_bytes() for path in (tmp_path / "images").iterdir()}
+
+
+def test_an_image_of_another_size_in_a_folder_is_named(head, capsys, tmp_path):
+    command = frames(head, tmp_path / "images")
+    om.write_image(tmp_path / "images" / "back_1.jpg", om.read_image(head / "back.png")[::2, ::2])
+    status, _, err = run(capsys, *command, "-o", tmp_path / "spheres")
+    assert status == 2
+    assert "back_1.jpg: the image is 240x240, the camera 480x480" in err
+    _, said, err = run(capsys, *command, "-o", tmp_path / "batch", "--workers", 1)
+    assert "the image is 240x240, the camera 480x480" in said + err
+
+
+def test_images_of_16_bits_keep_their_colours(head):
+    rig = om.load_rig(head / "rig.json")
+    images = [om.read_image(head / f"{name}.png") for name in rig.names]
+    options = om.StitchOptions(width=256, at="inf", warp=False)
+    wide = [image.astype(np.uint16) << 8 for image in images]
+    assert np.array_equal(om.stitch(wide, rig, options).image, om.stitch(images, rig, options).image)
+
+
+def test_the_horizon_is_level_only_with_a_vertical(head, tmp_path):
+    rig = om.load_rig(head / "rig.json")
+    noise = np.random.default_rng(0)
+    blurred = [cv2.GaussianBlur(noise.integers(0, 255, (480, 480, 3), np.uint8), (0, 0), 9) for _ in rig.names]
+    options = om.StitchOptions(width=256, at="inf", level=True)
+    result = om.stitch(blurred, rig, options, output=tmp_path / "sphere.jpg")
+    assert result.vertical.reason
+    assert "PosePitchDegrees" not in read_gpano((tmp_path / "sphere.jpg").read_bytes())
 
 
 def test_a_head_with_its_rig_gives_the_true_sphere(head, capsys, tmp_path):

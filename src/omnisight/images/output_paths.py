@@ -20,15 +20,19 @@ def output_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
     ValueError
         If an output file is one of the images.
     """
-    stems = _first_unique(
+    files = [folder / f"{stem}.png" for stem in unique_stems(paths)]
+    refuse_overwrite(files, paths)
+    return files
+
+
+def unique_stems(paths: Sequence[Path]) -> list[str]:
+    """Return a different file name without extension for each image."""
+    return _first_unique(
         paths,
         lambda p: p.stem,
         lambda p: p.name.replace(".", "_"),
         lambda p: f"{p.parent.name}_{p.name.replace('.', '_')}",
     ) or [f"{i + 1}_{p.stem}" for i, p in enumerate(paths)]
-    files = [folder / f"{stem}.png" for stem in stems]
-    refuse_overwrite(files, paths)
-    return files
 
 
 def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:

@@ -22,7 +22,7 @@ from omnisight.pipeline.inputs.camera_sources import RigSource
 from omnisight.pipeline.inputs.image_set import assign_images
 from omnisight.pipeline.inputs.work_folder import digest
 from omnisight.pipeline.stitching.stitch import StitchResult, stitch_result
-from omnisight.pipeline.stitching.stitch_files import StitchedFrames, encode_sphere
+from omnisight.pipeline.stitching.stitch_files import StitchedFrames, check_sizes, encode_sphere
 from omnisight.pipeline.stitching.stitch_inputs import (
     HEAD_NAMES,
     Bytes,
@@ -49,6 +49,8 @@ class StitchTask:
         Equirectangular camera of the spheres.
     sphere_from_rig
         (3, 3) their rotation.
+    is_level
+        Whether their horizon is level.
     options
         Options of the command.
     """
@@ -56,6 +58,7 @@ class StitchTask:
     seam_plan: SeamPlan
     camera: Camera
     sphere_from_rig: NDArray[np.float64]
+    is_level: bool
     options: StitchOptions
 
     @property
@@ -77,10 +80,13 @@ class StitchTask:
                 rgb8(decode_image(content, name, apply_exif=self.options.apply_exif))
                 for content, name in zip(data, item.names, strict=True)
             ]
+            for first in range(0, len(images), count):
+                check_sizes(images[first : first + count], self.seam_plan, item.names[first : first + count])
             if item.group not in stitchers:
                 stitchers.clear()
                 stitchers[item.group] = self.stitcher(images[count:] if item.group else None)
-            return [encode_sphere(stitchers[item.group](images[:count]), item.outputs[0], self.options)]
+            sphere, heading = stitchers[item.group](images[:count]), self.options.heading
+            return [encode_sphere(sphere, item.outputs[0], heading, is_level=self.is_level)]
 
         return stitch
 
@@ -125,7 +131,7 @@ def stitch_batch(
     frames = _frames(images, folders, body.names if body else HEAD_NAMES)
     frames = dataclasses.replace(frames, apply_exif=options.apply_exif)
     planned = plan_frames(frames, body, cameras, options)
-    task = StitchTask(planned.seam_plan, planned.camera, planned.sphere_from_rig, options)
+    task = StitchTask(planned.seam_plan, planned.camera, planned.sphere_from_rig, planned.is_level, options)
     estimated = time.perf_counter()
     versions = dict(item for folder in folders for item in folder.items())
     done = batch.run(task, _items(frames, versions, options.every), images[0])

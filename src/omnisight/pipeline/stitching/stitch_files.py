@@ -19,6 +19,7 @@ from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.progress import Progress
 from omnisight.video_options import CONTAINERS, VideoOptions
+from omnisight.views.image_size import size_mismatch
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
@@ -39,6 +40,8 @@ class StitchJob:
         The plan of the first frame.
     bearings
         (H, W, 3) directions of the sphere in the rig frame.
+    is_level
+        Whether the horizon is level.
     options, video
         Options of the command.
     target
@@ -48,6 +51,7 @@ class StitchJob:
     frames: HeadFrames
     plan: SeamPlan
     bearings: NDArray[np.float32]
+    is_level: bool
     options: StitchOptions
     target: Path | None
     video: VideoOptions
@@ -75,6 +79,7 @@ def stitch_images(job: StitchJob, progress: Progress) -> StitchedFrames:
     """Stitch and write frames of images."""
     stitcher, first, files = ImageStitcher(job.plan, job.bearings), np.zeros((0, 0, 3), np.uint8), list[Path]()
     for count, images in enumerate(job.frames):
+        check_sizes(images, job.plan, job.frames.sources[count])
         if job.needs_plan(count):
             stitcher = ImageStitcher(job.new_plan(images), job.bearings)
         sphere = stitcher(images)
@@ -124,19 +129,31 @@ def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
     """Write the sphere (H, W, 3) of a frame, and return its file."""
     if job.target is None:
         return []
-    path = job.target / f"{job.frames.labels[index]}.jpg" if job.frames.count > 1 else job.target
+    path = _image_files(job.target, job.frames)[index]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, encode_sphere(sphere, path.name, job.options))
+    write_bytes(path, encode_sphere(sphere, path.name, job.options.heading, is_level=job.is_level))
     return [path]
 
 
-def encode_sphere(sphere: Bytes, name: str, options: StitchOptions) -> bytes:
+def _image_files(target: Path, frames: HeadFrames) -> list[Path]:
+    """Return the file of the sphere of each frame."""
+    return [target / f"{label}.jpg" for label in frames.labels] if len(frames.sources) > 1 else [target]
+
+
+def check_sizes(images: Sequence[Bytes], plan: SeamPlan, names: Sequence[object]) -> None:
+    """Raise `ValueError` if the image of a camera has not its size; one file can have the images of all cameras."""
+    for k, (image, sampler) in enumerate(zip(images, plan.samplers, strict=True)):
+        size = image.shape[1], image.shape[0]
+        if size != sampler.camera.size:
+            raise ValueError(f"{names[min(k, len(names) - 1)]}: {size_mismatch(size, sampler.camera.size)}")
+
+
+def encode_sphere(sphere: Bytes, name: str, heading: float | None, *, is_level: bool) -> bytes:
     """Return the bytes of an image file of a sphere (H, W, 3), with tags if it is a JPEG file."""
     data = encode_image(sphere, name)
     if Path(name).suffix.lower() not in (".jpg", ".jpeg"):
         return data
-    is_level = options.level or bool(options.pitch or options.roll)
-    return with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=options.heading, is_level=is_level)
+    return with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=heading, is_level=is_level)
 
 
 def check_suffix(target: Path) -> None:
@@ -155,7 +172,7 @@ def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
         If its extension does not fit, or it is one of the inputs.
     """
     inputs = [Path(s) for frame in frames.sources for s in frame if isinstance(s, str | Path)]
-    refuse_overwrite([target], inputs)
+    refuse_overwrite([target] if frames.is_clip else _image_files(target, frames), inputs)
     suffix = target.suffix.lower()
     if frames.is_clip:
         if suffix not in SPHERE_SUFFIXES:

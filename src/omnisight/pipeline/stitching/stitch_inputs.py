@@ -23,6 +23,7 @@ from omnisight.images import (
     to_gray8,
 )
 from omnisight.images.image_field import ImageField
+from omnisight.images.output_paths import unique_stems
 from omnisight.parallel import prefetch
 from omnisight.pipeline.inputs.image_set import ImageSet, image_folders, image_set
 from omnisight.sfm.head_problem import LensField
@@ -56,7 +57,7 @@ class HeadFrames:
     is_split
         Whether an image shows two lenses side by side.
     labels
-        Name of each frame.
+        Different name of each frame.
     apply_exif
         Rotate images by their EXIF orientation, and frames as the clip specifies for display.
     read
@@ -214,7 +215,7 @@ def frames_of_folder(found: ImageSet, folder: StitchSource, names: Sequence[str]
             frames.append(tuple(of[k] for k in range(len(names))))
     if not frames:
         raise ValueError(f"{folder}: no frame has an image of each of {', '.join(names)}")
-    return HeadFrames(tuple(frames), False, False, tuple(Path(str(f[0])).stem for f in frames))
+    return HeadFrames(tuple(frames), False, False, tuple(unique_stems([Path(str(f[0])) for f in frames])))
 
 
 def frames_of_folders(folders: Sequence[StitchSource], lists: Sequence[Sequence[Path]]) -> HeadFrames:
@@ -227,11 +228,11 @@ def frames_of_folders(folders: Sequence[StitchSource], lists: Sequence[Sequence[
             " images of times at which another camera has none"
         )
     frames = tuple(tuple(files) for files in zip(*lists, strict=True))
-    return HeadFrames(frames, False, len(folders) == 1, tuple(frame[0].stem for frame in frames))
+    return HeadFrames(frames, False, len(folders) == 1, tuple(unique_stems([frame[0] for frame in frames])))
 
 
 def rgb8(image: NDArray[Any]) -> Bytes:
-    """Return an image as (H, W, 3) of uint8."""
-    if image.ndim == 3 and image.dtype == np.uint8:
-        return np.ascontiguousarray(image[..., :3])
+    """Return an image as (H, W, 3) of uint8: of 16 bits per channel, the upper ones."""
+    if image.ndim == 3 and image.dtype.kind == "u":
+        return np.ascontiguousarray(image[..., :3] >> (8 * (image.itemsize - 1)), np.uint8)
     return np.repeat(to_gray8(image)[..., None], 3, axis=2)

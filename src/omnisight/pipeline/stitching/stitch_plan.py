@@ -48,6 +48,8 @@ class StitchPlan:
         Radius of the sphere on which the scene is assumed; infinite without parallax.
     vertical
         Estimate of the vertical; None without.
+    is_level
+        Whether the horizon is level: by this estimate, or by the given pitch and roll.
     seam_plan
         Colours, seams and local warps of the first frame.
     """
@@ -58,6 +60,7 @@ class StitchPlan:
     sphere_from_rig: Array
     distance: float
     vertical: Vertical | None
+    is_level: bool
     seam_plan: SeamPlan
 
     @property
@@ -80,7 +83,8 @@ def plan_frames(
     sphere_from_rig = _orientation(vertical, options)
     camera = sphere(options.width or head.native_width())
     seam_plan = plan_stitch(samplers, first, camera.width, warp=options.warp)
-    return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, seam_plan)
+    is_level = bool(options.pitch or options.roll) or (vertical is not None and not vertical.reason)
+    return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, is_level, seam_plan)
 
 
 def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str, unit: str) -> tuple[list[Sampler], float]:
