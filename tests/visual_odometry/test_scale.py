@@ -80,6 +80,17 @@ def test_without_acceleration_the_scale_of_an_imu_is_unknown():
     assert "uncertain by" in found.reason
 
 
+def test_noise_of_a_camera_that_does_not_turn_is_no_orientation_of_an_imu(motion):
+    times, rng = np.arange(0, 12.01, 0.1), np.random.default_rng(0)
+    centers = motion.kinematics(times).position
+    rail = SplineTrajectory.fit(Trajectory(times, tuple(Pose(np.eye(3), center) for center in centers)), end=12.0)
+    times, poses = seen(rail)
+    noisy = [Pose(so3.exp(rng.normal(0, 4e-4, 3)), pose.translation) for pose in poses]
+    found = scale_from_imu(times, noisy, inertial(rail, rotation=so3.exp(np.array([0.6, 0.5, -0.4]))))
+    assert not found
+    assert "hardly turns" in found.reason
+
+
 def test_an_imu_of_another_time_or_camera_is_refused(motion):
     times, poses = seen(motion)
     assert "must cover the images" in scale_from_imu(times + 100, poses, inertial(motion)).reason

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.visual_odometry.gyro_prediction import MIN_TURN_RAD
 from omnisight.visual_odometry.imu import ImuSamples, Preintegration
 from omnisight.visual_odometry.scale_estimate import ScaleEstimate
 
@@ -61,7 +62,8 @@ def scale_from_imu(times: Array, poses: list[Pose], imu: ImuSamples) -> ScaleEst
     if orientation is None:
         return ScaleEstimate(
             SOURCE,
-            reason="the camera turns about one axis only, and the IMU's orientation is unknown: turn it about two",
+            reason="the camera hardly turns, or about one axis only, so the IMU's orientation is unknown: turn it"
+            " about two",
         )
     if orientation.residual_deg > MAX_TURN_ERROR_DEG:
         return ScaleEstimate(
@@ -85,7 +87,7 @@ def _spaced(times: Array) -> list[int]:
 
 
 def _orientation(poses: list[Pose], samples: list[ImuSamples]) -> Orientation | None:
-    """Align the turns of poses world_from_rig with those of the gyroscope; None if they are about one axis."""
+    """Align the turns of poses world_from_rig with those of the gyroscope; None if they are not about two axes."""
     turns = np.array([so3.log(b.rotation.T @ a.rotation) for a, b in pairwise(poses)])
     bias = np.zeros(3)
     rotation, difference = np.eye(3), turns
@@ -93,7 +95,7 @@ def _orientation(poses: list[Pose], samples: list[ImuSamples]) -> Orientation | 
     for _ in range(ROUNDS):
         measured = np.array([so3.log(Preintegration.of(each, bias).rotation.T) for each in samples])
         u, values, v = np.linalg.svd(turns.T @ measured)
-        if values[1] < 1e-3 * values[0]:
+        if values[1] < max(1e-3 * values[0], MIN_TURN_RAD**2):
             return None
         rotation = np.asarray(u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ v))]) @ v, float)
         difference = turns @ rotation - measured
