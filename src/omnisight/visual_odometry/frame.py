@@ -6,11 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.features.detection import illuminated_region
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.ray_observations import FrameRays
 
 Bytes = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,3 +37,19 @@ def check_images(rig: Rig, images: Sequence[Bytes]) -> None:
             raise ValueError(
                 f"the image of {name} is {width}x{height} px, but its camera {camera.width}x{camera.height}"
             )
+
+
+def usable_regions(rig: Rig, images: Sequence[Bytes], masks: Sequence[Mask] | None) -> list[Mask]:
+    """Return the pixels (H, W) of each image that show the scene and that its mask selects.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    regions = [illuminated_region(image, camera) for image, camera in zip(images, central_cameras(rig), strict=True)]
+    regions = [region & mask for region, mask in zip(regions, masks or regions, strict=True)]
+    for region, name in zip(regions, rig.names, strict=True):
+        if not region.any():
+            raise ValueError(f"the mask of {name} selects no pixel of the field of view: use white for usable pixels")
+    return regions

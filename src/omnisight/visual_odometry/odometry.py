@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
-from omnisight.visual_odometry.central_rig import at_one_point, central_cameras, central_rig, has_baseline
+from omnisight.visual_odometry.central_rig import at_one_point, central_rig, has_baseline
 from omnisight.visual_odometry.descriptor_rotation import rotation_by_descriptors
-from omnisight.visual_odometry.frame import Frame, check_images
+from omnisight.visual_odometry.frame import Frame, check_images, usable_regions
 from omnisight.visual_odometry.frame_locator import FrameLocator
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
@@ -190,9 +189,7 @@ class Odometry:
         if self._frames and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
         if self.tracker is None:
-            used = [illuminated_region(one, c) for one, c in zip(images, central_cameras(self.rig), strict=True)]
-            masks = self._masks or [np.ones_like(region) for region in used]
-            self._masks = [region & mask for region, mask in zip(used, masks, strict=True)]
+            self._masks = usable_regions(self.rig, images, self._masks)
             self.tracker = Tracker(self.rig, self._masks, self._options.patches)
             self._history = KeyframeHistory(self.rig, self._masks) if self._options.loops else None
             self._motion = MotionPrediction.still(seconds, Pose())
