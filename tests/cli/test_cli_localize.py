@@ -1,6 +1,7 @@
 """omnisight localize, on rendered images of a room whose poses are known."""
 
 import csv
+import dataclasses
 import json
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import omnisight as om
 from omnisight.features import detect_features
 from omnisight.geometry.rotation import exp
+from omnisight.pipeline.reconstruction.detected_images import detect_images
 from omnisight.sfm.georeference import robust_similarity
 from omnisight.simulation import Renderer, scene_named
 
@@ -48,6 +50,23 @@ def test_the_descriptor_of_an_observation_is_that_of_its_keypoint(known):
         seen = observations.keypoint[rows]
         assert (keypoints.pixels[seen] == observations.pixels[rows]).all()
         assert (visual_map.descriptors[rows] == keypoints.descriptors[seen]).all()
+
+
+def test_descriptors_are_those_of_keypoints_that_the_reconstruction_kept(known, monkeypatch):
+    """Self-calibration leaves out keypoints that the final camera does not see."""
+
+    def without_first(*arguments):
+        found = detect_images(*arguments)
+        kept = {"keypoints": [each[1:] for each in found.keypoints], "colors": [each[1:] for each in found.colors]}
+        return dataclasses.replace(found, **kept)
+
+    monkeypatch.setattr("omnisight.pipeline.reconstruction.reconstruct.detect_images", without_first)
+    visual_map, _ = om.build_map(known / "images")
+    observations = visual_map.reconstruction.observations
+    keypoints = detect_features(om.read_image(known / "images" / visual_map.reconstruction.names[0]), SPHERE)[1:]
+    rows = np.flatnonzero(observations.image == 0)
+    assert len(rows) > 50
+    assert (visual_map.descriptors[rows] == keypoints.descriptors[observations.keypoint[rows]]).all()
 
 
 def test_images_of_another_camera_are_localized_within_their_uncertainty(run, known):

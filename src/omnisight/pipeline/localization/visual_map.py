@@ -4,18 +4,14 @@ import io
 from collections.abc import Iterable, Mapping
 from os import PathLike
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.images import write_bytes
 from omnisight.localization.visual_map import VisualMap
-from omnisight.pipeline.inputs.camera_sources import AnyCameraSource, CameraSources, RigSource
-from omnisight.pipeline.inputs.image_set import image_set
-from omnisight.pipeline.inputs.work_folder import WorkFolder
-from omnisight.pipeline.reconstruction.detected_images import detect_images
-from omnisight.pipeline.reconstruction.reconstruct import reconstruct
+from omnisight.pipeline.inputs.camera_sources import AnyCameraSource, RigSource
+from omnisight.pipeline.reconstruction.reconstruct import reconstruct_with_keypoints
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
 from omnisight.progress import Progress, no_progress
@@ -44,23 +40,16 @@ def build_map(
     -------
     The map, None if there is no model, and the result of the reconstruction.
     """
-    with TemporaryDirectory() as temporary:
-        folder = Path(temporary) if work is None else Path(work)
-        result = reconstruct(images, camera, rig, options, progress, folder)
-        if not result:
-            return None, result
-        model = result.models[0]
-        sources = CameraSources.of(camera, rig, options.extrinsics, options.name)
-        files = image_set(images, sources.names, is_rig=sources.is_rigid)
-        # The keypoints are those that the reconstruction has left in the work folder.
-        detected = detect_images(files, sources, options, progress, WorkFolder(folder))
-        descriptors = np.zeros((len(model.observations), detected.keypoints[0].descriptors.shape[1]), np.float32)
-        number = {name: k for k, name in enumerate(files.names)}
-        for image, name in enumerate(model.names):
-            rows = np.flatnonzero(model.observations.image == image)
-            keypoints = detected.keypoints[number[name]]
-            assert model.observations.keypoint is not None
-            descriptors[rows] = keypoints.descriptors[model.observations.keypoint[rows]]
+    result, keypoints = reconstruct_with_keypoints(images, camera, rig, options, progress, work)
+    if not result:
+        return None, result
+    model = result.models[0]
+    assert model.observations.keypoint is not None
+    length = keypoints[model.names[0]].descriptors.shape[1]
+    descriptors = np.zeros((len(model.observations), length), np.float32)
+    for image, name in enumerate(model.names):
+        rows = np.flatnonzero(model.observations.image == image)
+        descriptors[rows] = keypoints[name].descriptors[model.observations.keypoint[rows]]
     return VisualMap(model, descriptors), result
 
 

@@ -95,6 +95,18 @@ def reconstruct(
         If no image of a camera can be read, a camera does not fit, or COLMAP is the engine and is not installed
         or fails.
     """
+    return reconstruct_with_keypoints(images, camera, rig, options, progress, work)[0]
+
+
+def reconstruct_with_keypoints(
+    images: str | PathLike[str] | Iterable[str | PathLike[str]],
+    camera: AnyCameraSource | Mapping[str, AnyCameraSource] | None,
+    rig: RigSource | None,
+    options: ReconstructOptions,
+    progress: Progress,
+    work: str | PathLike[str] | None,
+) -> tuple[ReconstructionResult, dict[str, Keypoints]]:
+    """Return the result of `reconstruct`, and the keypoints of each image by its name that observations refer to."""
     start = time.perf_counter()
     if options.engine in MAPPERS:
         require_pycolmap()
@@ -110,7 +122,8 @@ def reconstruct(
     changes = _focal_length_changes(maps, detected, steps.names)
     maps, georeferences = steps.place(maps, detected, graph)
     models = steps.models(maps, detected)
-    return steps.result(models, georeferences, changes, detected, graph)
+    result = steps.result(models, georeferences, changes, detected, graph)
+    return result, dict(zip(files.names, detected.keypoints, strict=True))
 
 
 def _focal_length_changes(
