@@ -2,6 +2,7 @@
 
 import csv
 import math
+import os
 from collections.abc import Collection, Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -251,7 +252,7 @@ def _time_of(files: tuple[Path | None, ...], source: Path, known: dict[str, floa
     """Return the time of a frame, by the name of one of its files."""
     paths = [path for path in files if path is not None]
     for path in paths:
-        relative = path.resolve().relative_to(source.resolve()).as_posix()
+        relative = Path(os.path.abspath(path)).relative_to(os.path.abspath(source)).as_posix()
         for name in (relative, path.name, path.stem):
             if name in known:
                 return known[name]
