@@ -24,12 +24,13 @@ class ImuSamples(NamedTuple):
         """Return the samples from a start to an end, interpolated there; None if they are not known."""
         if start < self.times[0] - 1e-6 or end > self.times[-1] + 1e-6 or end <= start:
             return None
-        inside = (self.times > start + 1e-9) & (self.times < end - 1e-9)
-        times = np.concatenate([[start], self.times[inside], [end]])
+        first, last = np.searchsorted(self.times, [start + 1e-9, end - 1e-9], side="left")
+        times = np.concatenate([[start], self.times[first:last], [end]])
         if np.diff(times).max() > MAX_GAP_S:
             return None
+        near = slice(max(first - 1, 0), last + 1)
         values = [
-            np.stack([np.interp(times, self.times, column) for column in rows.T], -1)
+            np.stack([np.interp(times, self.times[near], column) for column in rows[near].T], -1)
             for rows in (self.angular_velocity, self.specific_force)
         ]
         return ImuSamples(times, *values)
