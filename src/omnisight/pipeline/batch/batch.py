@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import chain
 
 from omnisight.display import Displayed
 from omnisight.parallel import thread_count
@@ -13,6 +14,7 @@ from omnisight.pipeline.batch.local_processes import LocalProcesses
 from omnisight.pipeline.batch.manifest import check_manifest
 from omnisight.pipeline.batch.records import read_records, shards_of
 from omnisight.pipeline.batch.shard import run_shard
+from omnisight.pipeline.batch.storage import refuse_overwrite
 from omnisight.pipeline.batch.task import Item, Task
 from omnisight.progress import Progress, no_progress
 
@@ -90,11 +92,13 @@ class Batch(Displayed):
         Raises
         ------
         ValueError
-            If the output holds another run, or the cluster cannot be used.
+            If an output would overwrite an input, the output holds another run, or the cluster cannot be used.
         OSError
             If an output cannot be written; what is finished remains.
         """
         start = time.perf_counter()
+        names, inputs = chain(*(item.outputs for item in items)), chain(*(item.inputs for item in items))
+        refuse_overwrite(self.output, names, source, inputs)
         check_manifest(task, items, source, self.output)
         records = read_records(self.output)
         remaining = records.unfinished(items)

@@ -1,7 +1,8 @@
 """Files by URL through fsspec: local folders, object stores, archives."""
 
+import os
 import posixpath
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache, partial
@@ -79,8 +80,23 @@ def _version(info: Mapping[str, Any]) -> str:
 
 def is_below(url: str, folder: str) -> bool:
     """Return whether a URL is a folder or below it."""
-    (files, path), (others, root) = _filesystem(url), _filesystem(folder)
-    return files is others and f"{path.rstrip('/')}/".startswith(f"{root.rstrip('/')}/")
+    path, root = (real_path(each, _filesystem(each)[1]).rstrip("/") for each in (url, folder))
+    return _filesystem(url)[0] is _filesystem(folder)[0] and f"{path}/".startswith(f"{root}/")
+
+
+def real_path(url: str, path: str) -> str:
+    """Return a path in the file system of a URL; of a local one without symbolic links."""
+    return Path(os.path.realpath(path)).as_posix() if is_local(url) else path
+
+
+def refuse_overwrite(output: str, names: Iterable[str], source: str, inputs: Iterable[str]) -> None:
+    """Raise `ValueError` if a file below the output folder is one of the inputs in the file system of the source."""
+    if _filesystem(source)[0] is not _filesystem(output)[0]:
+        return
+    read = {real_path(source, path) for path in inputs}
+    for path in (path_below(output, name) for name in names):
+        if real_path(output, path) in read:
+            raise ValueError(f"{path}: is one of the inputs and would be overwritten; choose another output")
 
 
 def path_below(url: str, name: str) -> str:
