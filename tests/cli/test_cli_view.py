@@ -302,6 +302,15 @@ def test_extrapolated_pixels_are_reported_and_hatched_on_request(run, photo, tmp
     assert 0.1 < share < 0.4
 
 
+def test_neither_the_camera_nor_the_view_is_replaced(refuses, photo, tmp_path):
+    save(Camera(TRUTH.model, (640, 480)), tmp_path / "camera.json")
+    before = (tmp_path / "camera.json").read_bytes()
+    view = ("view", photo, "--camera", tmp_path / "camera.json", "-o", tmp_path / "view.png")
+    assert "camera.json: is one of the inputs" in refuses(*view, "--view-camera", tmp_path / "camera.json")
+    assert (tmp_path / "camera.json").read_bytes() == before
+    assert "have the same file" in refuses(*view, "--mask", tmp_path / "view.png")
+
+
 def test_verdict_do_not_use_is_reported_with_every_view(run, photo, tmp_path):
     figures = {"verdict": "do not use", "reasons": ["The boards tilt only 3 degrees."]}
     save(Camera(TRUTH.model, (640, 480), calibration=figures), tmp_path / "camera.json")

@@ -215,3 +215,11 @@ def test_hatching_is_white_in_the_depth_of_the_image_and_keeps_alpha():
     luma = hatch(np.full((20, 20), 500, np.uint16), everywhere, 1023)
     assert set(np.unique(luma)) == {0, 500, 1023}
     assert (hatch(np.full((20, 20, 4), 200, np.uint8), everywhere)[..., 3] == 200).all()
+
+
+def test_a_clip_is_not_read_and_written(refuses, source, tmp_path):
+    clip = tmp_path / "p.partial.mkv"
+    clip.write_bytes((source / "clip.avi").read_bytes())
+    said = refuses("view", clip, "--camera", source / "camera.json", "--fov", "60", "-o", tmp_path / "p.mkv")
+    assert "p.partial.mkv: is one of the inputs" in said
+    assert clip.read_bytes() == (source / "clip.avi").read_bytes()

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.sound import Sound
 from omnisight.images.spherical_video import tag_sphere
@@ -82,6 +83,7 @@ class VideoWriter:
         self._codec: Codec = options.codec_of(output)
         self._encoder = encoder_name(output, options)
         self._clip = like if isinstance(like, Clip) else None
+        refuse_overwrite([self.partial], [] if self._clip is None else [self._clip.path])
         self._rate = Fraction(like.frame_rate if isinstance(like, Clip) else like).limit_denominator(1001)
         self._time_base = like.time_base if isinstance(like, Clip) else 1 / self._rate
         self._is_sphere = is_sphere

@@ -131,7 +131,8 @@ def view(
     options = options or ViewOptions()
     central = None if camera is None else central_camera(camera, name=options.name, distance=options.distance)
     paths = collect_images(images)
-    files = _prepare_output(paths, Path(output), [Path(mask)] if mask else [])
+    read = [*paths, *([Path(camera)] if isinstance(camera, str | PathLike) else [])]
+    files = _prepare_output(paths, Path(output), [Path(each) for each in (mask, view_camera) if each], read)
     render = None if central is None else ViewRenderer(central, options)
     written: list[Path] = []
     errors: list[str] = []
@@ -165,13 +166,15 @@ def skipped_message(errors: Sequence[str], total: int) -> str:
     return f"{len(errors)} of {total} images were skipped:\n  " + "\n  ".join(errors)
 
 
-def _prepare_output(images: Sequence[Path], output: Path, others: list[Path]) -> list[Path]:
-    """Return the file of each view; check that no image is overwritten, and create the folder."""
+def _prepare_output(images: Sequence[Path], output: Path, others: Sequence[Path], read: Sequence[Path]) -> list[Path]:
+    """Return the file of each view; check that no file that is read or another output is overwritten."""
     several = len(images) > 1
     if several and output.is_file():
         raise ValueError(f"{output}: is a file; choose a folder for {len(images)} images")
     files = output_paths(images, output) if several or output.is_dir() else [output]
-    refuse_overwrite([*files, *others], images)
+    refuse_overwrite([*files, *others], read)
+    if len({file.resolve() for file in (*files, *others)}) < len(files) + len(others):
+        raise ValueError(f"{others[0]}: the view, its mask and its camera have the same file; specify one for each")
     if several:
         output.mkdir(parents=True, exist_ok=True)
     return files
