@@ -60,6 +60,19 @@ def test_chroma_is_where_the_luma_is():
         assert np.abs(error).max() <= 1.5
 
 
+def test_chroma_is_continuous_across_the_seam():
+    """A ramp of longitude that is equal on both sides of the seam has no samples of the opposite side."""
+    yuv = Yuv.empty((512, 256), yuv_of(image()))
+    for plane in yuv.planes[1:]:
+        plane[:128, :256] = np.abs(np.arange(256) - 128)  # 128 at the seam
+    view, rotation = om.perspective((320, 240), 60), om.look(180, 0, 20)
+    chroma = FrameRemapper(om.sphere(512), view, rotation)(yuv).planes[1][:120, :160].astype(float)
+    bearings, _ = view.unproject(np.stack(np.meshgrid(np.arange(0, 320, 2), np.arange(0, 240, 2) + 0.5), -1))
+    pixels, _ = om.sphere(512).project((bearings @ rotation).reshape(-1, 3))
+    expected = np.abs(0.5 * pixels[:, 0].reshape(120, 160) - 128)
+    assert np.abs(chroma - expected).max() < 2
+
+
 def test_frames_of_full_range_have_a_black_of_zero():
     yuv = yuv_of(image())
     yuv.frame.color_range = 2

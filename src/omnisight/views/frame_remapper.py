@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.images.planes import Yuv
 from omnisight.parallel import parallel_for
-from omnisight.views.maps import map_scale, view_map
+from omnisight.views.maps import is_periodic, map_scale, view_map
 from omnisight.views.remapper import MIN_PREFILTER_LEVEL, SCALE_STEP_PX, Interpolation
 
 Floats = NDArray[np.float32]
@@ -51,7 +51,13 @@ class FrameRemapper:
         half = ((source.width + 1) // 2, (source.height + 1) // 2)
         below = u[1::2, ::2], v[1::2, ::2]
         rows, columns = below[0].shape
-        u, v = (0.5 * (m[::2, ::2][:rows, :columns] + b) for m, b in zip((u, v), below, strict=True))
+        u, v = u[::2, ::2][:rows, :columns], v[::2, ::2][:rows, :columns]
+        du, dv = below[0] - u, below[1] - v
+        if is_periodic(source):  # the two rows may be on both sides of the seam
+            du -= np.float32(source.width) * np.round(du / np.float32(source.width))
+        u, v = u + 0.5 * du, v + 0.5 * dv
+        if is_periodic(source):
+            u = (u + 0.5) % np.float32(source.width) - 0.5
         self._chroma = _plane_map(
             0.5 * u, 0.5 * v - 0.25, half, None if level is None else level[1::2, ::2], interpolation
         )
