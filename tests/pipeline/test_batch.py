@@ -251,13 +251,13 @@ def test_unusable_folders_are_reported(source, output, message, tmp_path, monkey
 
 
 @pytest.mark.parametrize("pattern", ["images/0/*.png", "images/0/000.png", "images/**", "link"])
-def test_images_are_never_overwritten(source, tmp_path, monkeypatch, pattern):
-    monkeypatch.chdir(tmp_path)
-    before, output = outputs(source), "images" if pattern == "images/**" else "images/0"
+def test_images_are_never_overwritten(source, tmp_path, pattern):
+    before, output = outputs(source), str(source if pattern == "images/**" else source / "0")
     if pattern == "link":
         (tmp_path / "link").symlink_to(source / "0", target_is_directory=True)
+    images = str(tmp_path / pattern)
     with pytest.raises(ValueError, match=r"is one of the inputs|is in the folder of the images"):
-        Batch(output, ONE).run(Reverse(), items_of_images(list_images(pattern, output), ".png"), pattern)
+        Batch(output, ONE).run(Reverse(), items_of_images(list_images(images, output), ".png"), images)
     assert outputs(source) == before
 
 
