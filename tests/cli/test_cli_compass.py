@@ -57,6 +57,22 @@ def test_the_table_and_the_first_image_as_reference(run, folders):
     assert out.splitlines()[-1].startswith("headings  3, 1 reference,")
 
 
+def test_images_and_references_of_equal_names_are_distinct(run, folders):
+    images, route = folders
+    rng = np.random.default_rng(0)
+    for i in range(3):
+        noisy = np.clip(om.read_image(images / f"q{i}.png") + rng.normal(0, 12, (25, 120)), 0, 255)
+        om.write_image(images / f"r{i}.png", noisy.astype(np.uint8))
+        (images / f"q{i}.png").unlink()
+    for folder in (images, route):
+        om.write_image(folder / "uniform.png", np.full((25, 120), 80, np.uint8))
+    _, out, _ = run("compass", images, "--reference", route)
+    assert "± 0.00°" not in out
+    assert out.count("left out") == 2
+    failed = json.loads(run("compass", images, "--reference", route, "--json")[1])["failed"]
+    assert set(failed) == {str(folder / "uniform.png") for folder in folders}
+
+
 def test_an_image_is_not_its_own_reference(run, folders):
     _, route = folders
     status, out, _ = run("compass", route / "r0.png", "--reference", route, "--json")

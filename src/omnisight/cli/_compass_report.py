@@ -39,7 +39,7 @@ def print_report(result: CompassResult) -> None:
     for reason in result.failed.values():
         print(f"left out  {reason}")
     # Without --reference, the first image is the reference of all, and its own heading is zero by definition.
-    sigmas = [each.sigma_deg for each in result.headings if each.name != each.nearest]
+    sigmas = [each.sigma_deg for each in result.headings if not each.is_reference]
     sigma = float(np.median(sigmas)) if sigmas else 0.0
     references = "1 reference" if result.references == 1 else f"{result.references} references"
     print(f"headings  {len(result.headings)}, {references}, ± {sigma:.2f}° (1σ, median)")

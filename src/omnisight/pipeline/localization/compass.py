@@ -1,5 +1,6 @@
 """Headings of images from their appearance: the counterpart of `omnisight compass`."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,8 @@ class Heading(Displayed):
         Its standard deviation.
     similarity
         Correlation coefficient of image and reference after the rotation, at most 1.
+    is_reference
+        Whether the image is the reference itself, and its heading 0 by definition.
     """
 
     name: str
@@ -38,6 +41,7 @@ class Heading(Displayed):
     heading_deg: float
     sigma_deg: float
     similarity: float
+    is_reference: bool = False
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ class CompassResult(Displayed):
     references
         Number of references.
     failed
-        Reasons of images without a heading and of references that are not used, by their names.
+        Reasons of images without a heading and of references that are not used, by their names, or by their paths
+        where names repeat.
     reason
         Why there are no headings; empty otherwise.
     """
@@ -102,10 +107,10 @@ def compass(
     check_options(options, CompassOptions)
     queries = named_images(images)
     sources = queries[:1] if reference is None else named_images(reference)
-    read, failed = PanoramaReader(camera, options), {}
+    read, failed = PanoramaReader(camera, options), list[tuple[NamedImage, str]]()
     references = _read_references(sources, read, failed, progress)
     if not references:
-        return CompassResult((), 0, failed, f"no reference can be used: {next(iter(failed.values()))}")
+        return CompassResult((), 0, _by_name(failed), f"no reference can be used: {failed[0][1]}")
     files = [source.source for source, _ in references]
     visual_compass = VisualCompass([signature for _, signature in references])
     headings: list[Heading] = []
@@ -115,12 +120,13 @@ def compass(
             if own is not None and len(references) == 1:
                 raise ValueError(f"{query.name}: is the only reference: specify other references")
             nearest, rotation = visual_compass.locate(read(query), own)
-            headings.append(Heading(query.name, references[nearest][0].name, *rotation))
+            source = references[nearest][0]
+            headings.append(Heading(query.name, source.name, *rotation, is_reference=source is query))
         except ValueError as error:
-            failed[query.name] = str(error)
+            failed.append((query, str(error)))
         progress("headings", done + 1, len(queries))
-    reason = "" if headings else f"no image has a heading: {next(iter(failed.values()))}"
-    return CompassResult(tuple(headings), len(references), failed, reason)
+    reason = "" if headings else f"no image has a heading: {failed[0][1]}"
+    return CompassResult(tuple(headings), len(references), _by_name(failed), reason)
 
 
 def compass_rotation(
@@ -168,7 +174,7 @@ def _one_image(image: CompassImage, label: str) -> NamedImage:
 
 
 def _read_references(
-    sources: Sequence[NamedImage], read: PanoramaReader, failed: dict[str, str], progress: Progress
+    sources: Sequence[NamedImage], read: PanoramaReader, failed: list[tuple[NamedImage, str]], progress: Progress
 ) -> list[tuple[NamedImage, PanoramaSignature]]:
     """Read the references that can be used, and add the reasons of the others."""
     references: list[tuple[NamedImage, PanoramaSignature]] = []
@@ -176,9 +182,17 @@ def _read_references(
         try:
             references.append((source, read(source)))
         except ValueError as error:
-            failed[source.name] = str(error)
+            failed.append((source, str(error)))
         progress("references", done + 1, len(sources))
     return references
+
+
+def _by_name(failed: Sequence[tuple[NamedImage, str]]) -> dict[str, str]:
+    """Return reasons by the names of images, or by their paths where names repeat."""
+    counts = Counter(image.name for image, _ in failed)
+    repeats = [counts[image.name] > 1 and isinstance(image.source, Path) for image, _ in failed]
+    names = [str(image.source) if path else image.name for path, (image, _) in zip(repeats, failed, strict=True)]
+    return dict(zip(names, (reason for _, reason in failed), strict=True))
 
 
 def _index_of(query: NamedImage, files: Sequence[object]) -> int | None:
