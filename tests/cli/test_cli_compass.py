@@ -73,6 +73,16 @@ def test_images_and_references_of_equal_names_are_distinct(run, folders):
     assert set(failed) == {str(folder / "uniform.png") for folder in folders}
 
 
+def test_the_first_image_specified_is_the_reference(folders):
+    _, route = folders
+    for i in range(3):
+        om.write_image(route / f"r{i}.png", np.roll(panorama(0), -10 * i, axis=1))
+    found = om.compass([route / f"r{i}.png" for i in (2, 0, 1)]).headings
+    assert [each.name for each in found] == ["r2.png", "r0.png", "r1.png"]
+    assert {each.nearest for each in found} == {"r2.png"}
+    assert [each.is_reference for each in found] == [True, False, False]
+
+
 def test_an_image_is_not_its_own_reference(run, folders):
     _, route = folders
     status, out, _ = run("compass", route / "r0.png", "--reference", route, "--json")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.geometry.rotation import look
-from omnisight.images import collect_images, read_image, to_gray8
+from omnisight.images import collect_images, expand_path, read_image, to_gray8
 from omnisight.pipeline.inputs.central_camera import CameraSource, camera_of_image, central_camera
 from omnisight.pipeline.localization.compass_options import CompassOptions
 from omnisight.places.panorama_signature import PanoramaSignature
@@ -39,7 +39,7 @@ class NamedImage:
 
 
 def named_images(images: CompassImage | Sequence[CompassImage]) -> list[NamedImage]:
-    """List images: those of folders, files and patterns, and arrays.
+    """List images: those of folders, files and patterns, and arrays, in the order in which they are specified.
 
     Raises
     ------
@@ -54,7 +54,9 @@ def named_images(images: CompassImage | Sequence[CompassImage]) -> list[NamedIma
         raise ValueError("images are files and arrays: specify either files or arrays")
     if arrays:
         return [NamedImage(f"image {i + 1}", each) for i, each in enumerate(arrays)]
-    return [NamedImage(path.name, path) for path in collect_images(paths)]
+    # The order is that of the arguments, and natural in a folder.
+    rank = {file: k for k, path in reversed([*enumerate(paths)]) for file in expand_path(path)}
+    return [NamedImage(file.name, file) for file in sorted(collect_images(paths), key=rank.__getitem__)]
 
 
 class PanoramaReader:
