@@ -10,6 +10,7 @@ from omnisight.places.panorama_rotation import OVERSAMPLING, correlations, estim
 from omnisight.places.panorama_signature import PanoramaSignature
 from omnisight.places.visual_compass import VisualCompass
 from omnisight.simulation import Renderer, mirror_setup, scene_named
+from omnisight.views import Remapper
 
 WIDTH, HEIGHT = 120, 25
 
@@ -212,6 +213,19 @@ def test_images_of_a_camera_are_unwrapped_about_the_vertical():
     level = om.look(up="back")
     assert found.deviation(b_from_a, level) < 4
     assert found.deviation(b_from_a.T, level) > 50
+
+
+def test_images_of_one_size_share_the_map_to_a_panorama(monkeypatch):
+    made = []
+
+    def remapper(*arguments):
+        made.append(Remapper(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr("omnisight.pipeline.localization.compass_images.Remapper", remapper)
+    image = cv2.resize(textured().astype(np.uint8), (128, 64))
+    assert om.compass([image, np.roll(image, 5, axis=1), image], camera=om.sphere(128))
+    assert len(made) == 1
 
 
 def test_invalid_arguments():

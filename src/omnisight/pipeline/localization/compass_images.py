@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -80,7 +79,7 @@ class PanoramaReader:
             camera = central_camera(camera, name=options.name, accepts_distance=False)
         self._camera, self._options = camera, options
         self._size: tuple[int, int] | None = None
-        self._unwrap = cache(self._unwrapping)
+        self._unwrap = dict[tuple[int, int], tuple[Remapper, slice, NDArray[np.float64]]]()
 
     def __call__(self, image: NamedImage) -> PanoramaSignature:
         """Return the signature of an image.
@@ -96,7 +95,9 @@ class PanoramaReader:
         gray, weights = to_gray8(pixels), None
         size = gray.shape[1], gray.shape[0]
         if self._camera is not None:
-            remapper, rows, weights = self._unwrap(size, image.name)
+            if size not in self._unwrap:
+                self._unwrap[size] = self._unwrapping(size, image.name)
+            remapper, rows, weights = self._unwrap[size]
             gray = remapper(gray)[rows]
         else:
             gray = self._reduced(gray, image.name)
