@@ -54,12 +54,16 @@ class FrameRemapper:
         u, v = u[::2, ::2][:rows, :columns], v[::2, ::2][:rows, :columns]
         du, dv = below[0] - u, below[1] - v
         if is_periodic(source):  # the two rows may be on both sides of the seam
-            du -= np.float32(source.width) * np.round(du / np.float32(source.width))
-        u, v = u + 0.5 * du, v + 0.5 * dv
+            du -= source.width * np.round(du / source.width)
+        u, v = u + 0.5 * du, np.asarray(v + 0.5 * dv, np.float32)
         if is_periodic(source):
-            u = (u + 0.5) % np.float32(source.width) - 0.5
+            u = (u + 0.5) % source.width - 0.5
         self._chroma = _plane_map(
-            0.5 * u, 0.5 * v - 0.25, half, None if level is None else level[1::2, ::2], interpolation
+            0.5 * np.asarray(u, np.float32),
+            0.5 * v - 0.25,
+            half,
+            None if level is None else level[1::2, ::2],
+            interpolation,
         )
 
     def __call__(self, frame: Yuv) -> Yuv:

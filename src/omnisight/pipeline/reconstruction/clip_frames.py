@@ -15,8 +15,8 @@ from omnisight.progress import Progress, no_progress
 
 # Width, px, of the thumbnails whose sharpness is compared.
 THUMBNAIL_WIDTH_PX = 640
-# Rounding error of a time in intervals.
-ROUNDING = 1e-6
+# Error of times in milliseconds, as in Matroska files.
+TIME_ROUNDING_S = 6e-4
 
 
 def extract_frames(
@@ -122,7 +122,7 @@ def _in_intervals(frames: Iterable[tuple[int, float, NDArray[Any]]], fps: float)
     start = None
     for index, seconds, image in frames:
         start = seconds if start is None else start
-        yield _Frame(index, int((seconds - start) * fps + ROUNDING), image)
+        yield _Frame(index, int((seconds - start + TIME_ROUNDING_S) * fps), image)
 
 
 def _sharpness(gray: NDArray[np.uint8]) -> float:
