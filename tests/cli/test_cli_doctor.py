@@ -74,3 +74,10 @@ def test_a_mask_does_not_replace_an_image(refuses, still):
     before = (still / "1.png").read_bytes()
     assert "is one of the inputs" in refuses("doctor", still, "--write-mask", still / "1.png")
     assert (still / "1.png").read_bytes() == before
+
+
+def test_a_mask_without_a_usable_pixel_is_refused(run, still, tmp_path):
+    om.write_image(tmp_path / "mask.png", np.ones((128, 256), np.uint8))
+    status, _, err = run("doctor", still, "--mask", tmp_path / "mask.png")
+    assert status == 2
+    assert "the mask selects no pixel" in err

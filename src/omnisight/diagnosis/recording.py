@@ -150,6 +150,8 @@ class Recording:
             v, u = np.indices(gray.shape)
             region = estimate_image_field([gray]).contains(np.stack([u, v], -1).astype(float))
         self._region = region if self.mask is None else region & self.mask
+        if not self._region.any():
+            raise ValueError("the mask selects no pixel of the field of view: use white for usable pixels")
         self.edges = StaticEdges(self._region)
         if self.camera is not None:
             self.tracking = PatchTracking(self.camera, self._region)
