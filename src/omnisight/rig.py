@@ -194,8 +194,9 @@ class Rig(Displayed):
     def in_frame(self, sensor_from_rig: Iterable[Pose], covariance: NDArray[np.float64] | None = None) -> Self:
         """Return the rig with poses in another frame: its provenance does not name the frame of before."""
         provenance = {key: value for key, value in self.provenance.items() if key not in FRAME_ENTRIES}
-        changed = {"sensor_from_rig": tuple(sensor_from_rig), "covariance": covariance, "provenance": provenance}
-        return dataclasses.replace(self, **changed)
+        return dataclasses.replace(
+            self, sensor_from_rig=tuple(sensor_from_rig), covariance=covariance, provenance=provenance
+        )
 
     def relative_pose(self, a: int | str, b: int | str) -> RelativePose:
         """Return b_from_a of two cameras with its covariance."""

@@ -9,7 +9,7 @@ COUNT = 60
 
 
 def edges(rng):
-    """Return edges of a path, between near nodes and a few between distant ones, of which some are repeated."""
+    """Return the edges of a path, and random edges of near and of distant nodes, some of them repeated."""
     path = np.arange(COUNT - 1), np.arange(1, COUNT)
     near = rng.integers(0, COUNT - 5, 80)
     far = rng.integers(0, COUNT, (2, 20))

@@ -97,8 +97,8 @@ class Batch(Displayed):
             If an output cannot be written; what is finished remains.
         """
         start = time.perf_counter()
-        names, inputs = chain(*(item.outputs for item in items)), chain(*(item.inputs for item in items))
-        refuse_overwrite(self.output, names, source, inputs)
+        outputs = chain.from_iterable(item.outputs for item in items)
+        refuse_overwrite(self.output, outputs, source, chain.from_iterable(item.inputs for item in items))
         check_manifest(task, items, source, self.output)
         records = read_records(self.output)
         remaining = records.unfinished(items)

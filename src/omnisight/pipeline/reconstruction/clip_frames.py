@@ -73,7 +73,7 @@ def extract_frames(
         if frame is not None:
             file = target / f"{source.stem}-{frame.index:06d}.jpg"
             data = encode_image(frame.image, file.name)
-            # An equal file keeps its time, by which an interrupted batch recognizes it.
+            # Equal files are not written again: a batch that continues compares the time of modification.
             if not (file.is_file() and file.read_bytes() == data):
                 write_bytes(file, data)
             written.append(file)

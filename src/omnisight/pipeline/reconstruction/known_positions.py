@@ -131,15 +131,16 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
     positions, line_of_image = np.full((len(files), 3), np.nan), dict[int, int]()
     for line, row in enumerate(rows[1:], start=2):
         name = row[name_column].strip() if len(row) > name_column else ""
-        for image in (found := images.get(name, [])):
-            if len(found) > 1:
-                raise ValueError(f"{path}, line {line}: {_ambiguous(name, files, found)}")
+        found = images.get(name, [])
+        if len(found) > 1:
+            raise ValueError(f"{path}, line {line}: {_ambiguous(name, files, found)}")
+        for image in found:
             cells = [row[c] if c < len(row) else "" for c in columns]
             positions[image], line_of_image[image] = _position(cells, kind, f"{path}, line {line}"), line
-    found = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
-    unknown = set(np.flatnonzero(~np.isfinite(found.positions).all(axis=1)).tolist())
+    known = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
+    unknown = set(np.flatnonzero(~np.isfinite(known.positions).all(axis=1)).tolist())
     return replace(
-        found, warnings=_unused_rows(path, [line for i, line in line_of_image.items() if i in unknown], kind)
+        known, warnings=_unused_rows(path, [line for i, line in line_of_image.items() if i in unknown], kind)
     )
 
 
