@@ -18,3 +18,9 @@ def size_mismatch(size: tuple[int, int], expected: tuple[int, int]) -> str:
     if size == expected[::-1]:
         return f"{sizes}: rotated by 90 degrees; EXIF orientations are applied only with --apply-exif"
     return f"{sizes}: a different aspect ratio; a camera is valid only for images like those of its calibration"
+
+
+def check_size(size: tuple[int, int], expected: tuple[int, int], name: object) -> None:
+    """Raise `ValueError`, with the name of the image, if its size differs from that of its camera."""
+    if size != expected:
+        raise ValueError(f"{name}: {size_mismatch(size, expected)}")

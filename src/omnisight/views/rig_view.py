@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.camera import Camera
 from omnisight.rig import Rig
-from omnisight.views.image_size import size_mismatch
+from omnisight.views.image_size import check_size
 from omnisight.views.surround_remapper import SurroundRemapper
 
 Image = NDArray[Any]
@@ -50,8 +50,7 @@ def remap_rig(
     if len(images) != len(rig):
         raise ValueError(f"{len(images)} images, and the rig has {len(rig)} cameras: {', '.join(rig.names)}")
     for name, camera, image in zip(rig.names, rig.cameras, images, strict=True):
-        if (size := (image.shape[1], image.shape[0])) != camera.size:
-            raise ValueError(f"{name}: {size_mismatch(size, camera.size)}")
+        check_size((image.shape[1], image.shape[0]), camera.size, name)
     if not distance > 0:
         raise ValueError(f"the distance of the scene must be positive, got {distance}")
     rotation = np.eye(3) if target_from_rig is None else np.asarray(target_from_rig, float)

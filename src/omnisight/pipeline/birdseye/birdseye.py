@@ -27,7 +27,7 @@ from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
 from omnisight.views.ground_view import Bowl, GroundView
 from omnisight.views.image_order import likely_order
-from omnisight.views.image_size import size_mismatch
+from omnisight.views.image_size import check_size
 from omnisight.views.surround_remapper import SurroundRemapper
 
 Image = NDArray[Any]
@@ -256,9 +256,7 @@ def length_errors_cm(calibration: GroundCalibration, cameras: Sequence[str], *, 
 def check_sizes(images: Sequence[Image], rig: Rig) -> None:
     """Raise `ValueError` if an image has not the size of its camera."""
     for name, camera, image in zip(rig.names, rig.cameras, images, strict=True):
-        size = image.shape[1], image.shape[0]
-        if size != camera.size:
-            raise ValueError(f"{name}: {size_mismatch(size, camera.size)}")
+        check_size((image.shape[1], image.shape[0]), camera.size, name)
 
 
 def _fitted(rig: Rig, images: Sequence[Image], scale: bool) -> Rig:

@@ -12,7 +12,7 @@ from omnisight.pipeline.detection.detect_options import DetectOptions
 from omnisight.pipeline.inputs.images_of_cameras import camera_name
 from omnisight.rig import Rig
 from omnisight.twoview.absolute_pose import AbsolutePose, resect
-from omnisight.views.image_size import size_mismatch
+from omnisight.views.image_size import check_size
 
 Array = NDArray[np.float64]
 
@@ -47,9 +47,7 @@ def rig_on_board(rig: Rig, image: Path, options: DetectOptions) -> GroundCalibra
     board = found[0].board or detections.board
     if board is None or (options.target is None and options.square is None):
         raise ValueError(f"{image}: the size of the board is unknown: specify --square, or --target")
-    size, camera = detections.size, rig.cameras[rig.index(name)]
-    if size != camera.size:
-        raise ValueError(f"{image}: {size_mismatch(size, camera.size)}")
+    check_size(detections.size, rig.cameras[rig.index(name)].size, image)
     calibration = rig_on_plane(rig, name, board.points[found[0].ids], found[0].pixels)
     if not calibration:
         raise ValueError(f"{image}: {calibration.reason}")

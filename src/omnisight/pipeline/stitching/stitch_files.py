@@ -19,7 +19,7 @@ from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.progress import Progress
 from omnisight.video_options import CONTAINERS, VideoOptions
-from omnisight.views.image_size import size_mismatch
+from omnisight.views.image_size import check_size
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
@@ -143,9 +143,8 @@ def _image_files(target: Path, frames: HeadFrames) -> list[Path]:
 def check_sizes(images: Sequence[Bytes], plan: SeamPlan, names: Sequence[object]) -> None:
     """Raise `ValueError` if the image of a camera has not its size; one file can have the images of all cameras."""
     for k, (image, sampler) in enumerate(zip(images, plan.samplers, strict=True)):
-        size = image.shape[1], image.shape[0]
-        if size != sampler.camera.size:
-            raise ValueError(f"{names[min(k, len(names) - 1)]}: {size_mismatch(size, sampler.camera.size)}")
+        name = names[min(k, len(names) - 1)]
+        check_size((image.shape[1], image.shape[0]), sampler.camera.size, name)
 
 
 def encode_sphere(sphere: Bytes, name: str, heading: float | None, *, is_level: bool) -> bytes:
