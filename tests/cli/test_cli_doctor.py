@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import omnisight as om
+from omnisight.pipeline.odometry import doctor
 
 
 @pytest.fixture
@@ -81,3 +82,8 @@ def test_a_mask_without_a_usable_pixel_is_refused(run, still, tmp_path):
     status, _, err = run("doctor", still, "--mask", tmp_path / "mask.png")
     assert status == 2
     assert "the mask selects no pixel" in err
+
+
+def test_few_images_are_those_of_the_beginning_and_the_end():
+    assert list(doctor._spread(1000, 8)) == [*range(8), *range(992, 1000)]
+    assert list(doctor._spread(12, 8)) == list(range(12))

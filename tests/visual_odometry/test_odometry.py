@@ -206,3 +206,14 @@ def test_keyframes_end_with_the_poses_that_the_window_refined_last(fisheye, run)
     first = {pose.frame: pose.rig_from_world.matrix for pose in tracking.trajectory}
     assert not np.allclose(first[window[0].index], window[0].rig_from_world.matrix, atol=1e-9)
     assert fisheye.errors(refined.trajectory)[0] < 0.003
+
+
+def test_frames_without_an_image_are_lost_and_the_last_ones_not_recovered(fisheye):
+    tracking = om.Odometry(fisheye.camera)
+    tracking.skip("0.png cannot be read")
+    for k, image in enumerate(fisheye.images[:12]):
+        tracking.add(image, 0.1 * k - 1.0)
+    tracking.skip("13.png cannot be read")
+    tracking.finish()
+    assert [(each.first, each.last, each.recovery) for each in tracking.lost] == [(0, 0, "tracking"), (13, 13, "")]
+    assert [pose.frame for pose in tracking.trajectory] == list(range(1, 13))

@@ -1,6 +1,7 @@
 """Scale from wheels, the ground and an IMU, on exact trajectories with noise."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.motion_sensor_options import ImuNoise
 from omnisight.pipeline.odometry.motion_files import read_imu, read_wheels
+from omnisight.pipeline.odometry.odometry import _in_metres
 from omnisight.pipeline.odometry.odometry_scale import ScaleSources
 from omnisight.simulation.motion_sensors import measure_imu
 from omnisight.simulation.spline_trajectory import SplineTrajectory
@@ -19,7 +21,7 @@ from omnisight.visual_odometry.ground_plane import GroundHeight, ground_height, 
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
 from omnisight.visual_odometry.imu import ImuSamples
 from omnisight.visual_odometry.imu_scale import scale_from_imu
-from omnisight.visual_odometry.loop_result import Loop
+from omnisight.visual_odometry.loop_result import Loop, LoopClosure
 from omnisight.visual_odometry.scale_estimate import robust_mean
 from omnisight.visual_odometry.wheel_scale import WheelSpeeds, scale_from_wheels
 
@@ -135,6 +137,25 @@ def test_wheels_determine_the_scale(motion):
     assert 0.009 < found.relative_sigma < 0.02
     assert "use the same clock" in scale_from_wheels(times + 1e5, centers, WheelSpeeds(samples, speed)).reason
     assert "the wheels moved in" in scale_from_wheels(times, centers, WheelSpeeds(samples, 0 * speed)).reason
+
+
+@pytest.mark.parametrize(("unit", "expected"), [("m", False), ("squares", True)])
+def test_a_rig_without_metres_takes_the_scale_of_another_source(unit, expected):
+    tracking = SimpleNamespace(has_scale=True, rig=SimpleNamespace(unit=unit), lost=())
+    known = SimpleNamespace(apply=lambda poses, lost, loops: "in metres")
+    assert (_in_metres(tracking, LoopClosure(()), known) == "in metres") == expected
+
+
+def test_speeds_and_images_of_one_per_second_determine_the_scale(motion):
+    times, poses = seen(motion)
+    centers = np.array([pose.translation for pose in poses])
+    samples = np.arange(0, 12.01, 1.0)
+    wheels = WheelSpeeds(samples, np.linalg.norm(motion.kinematics(samples).velocity, axis=1))
+    # Positions of a curve are nearer than the distance driven, and the speed between two samples is not known.
+    assert scale_from_wheels(times, centers, wheels).metres == pytest.approx(METRES_PER_UNIT, rel=0.1)
+    assert scale_from_wheels(times[::10], centers[::10], wheels).metres == pytest.approx(METRES_PER_UNIT, rel=0.1)
+    slow = WheelSpeeds(samples[::3], wheels.speed[::3])
+    assert "the speeds 3.0 s: at most 2.5 s" in scale_from_wheels(times, centers, slow).reason
 
 
 def ground(rng, height, walls=60, floor=60):

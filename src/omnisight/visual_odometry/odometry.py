@@ -152,7 +152,8 @@ class Odometry:
 
     def skip(self, reason: str) -> None:
         """Count a frame without images, and keep why there are none."""
-        self.lost.append(LostSegment(self._frames, self._frames, reason, "tracking"))
+        if self._lost is None:
+            self.lost.append(LostSegment(self._frames, self._frames, reason, "tracking"))
         self._frames += 1
 
     def finish(self) -> None:
@@ -164,6 +165,8 @@ class Odometry:
                 self._append([TrackedPose(last.frame, last.seconds, last.pose, "rotation only")])
             self._waiting = None
         self._note_end_of_loss(self._frames, "")
+        end = self.trajectory[-1].frame if self.trajectory else -1
+        self.lost = [replace(each, recovery="") if each.first > end else each for each in self.lost]
 
     def close_loops(self) -> LoopClosure:
         """Return the trajectory so far, corrected by the places that the camera has seen before.
@@ -186,7 +189,7 @@ class Odometry:
         given = [image] if isinstance(image, np.ndarray) else image
         images = tuple(to_gray8(one) for one in given)
         check_images(self.rig, images)
-        if self._frames and not seconds > self._motion.seconds:
+        if self.tracker is not None and not seconds > self._motion.seconds:
             raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
         if self.tracker is None:
             self._masks = usable_regions(self.rig, images, self._masks)

@@ -100,7 +100,7 @@ def _examine(
             recording.unreadable.append(frame.reason)
         progress("images", done, max(len(chosen), done))
     # A truncated clip has none of the images that are chosen after its end.
-    if recording.frames:
+    if recording.frames and recording.frames[-1].index < chosen[-1]:
         recording.unreadable.extend(sequence.warnings(recording.frames[-1].index + 1))
     recording.times, recording.times_from = _times(sequence, recording, options)
     return recording
@@ -119,9 +119,10 @@ def _camera(
 
 def _spread(count: int, wanted: int) -> range | list[int]:
     """Return indices of runs of consecutive images, evenly distributed over a sequence; of all if it is short."""
-    if count <= wanted:
+    runs = max(wanted // RUN, 2)
+    if count <= max(wanted, runs * RUN):
         return range(count or wanted)
-    starts = np.linspace(0, count - RUN, max(wanted // RUN, 1)).astype(int)
+    starts = np.linspace(0, count - RUN, runs).astype(int)
     return [int(start) + k for start in starts for k in range(RUN)]
 
 

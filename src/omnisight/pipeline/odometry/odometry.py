@@ -213,7 +213,7 @@ def _close_loops(tracking: Odometry, options: OdometryOptions, progress: Progres
 
 def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> ScaledTrajectory:
     """Return the trajectory in metres if something else than the cameras determines the scale."""
-    if tracking.has_scale:
+    if tracking.has_scale and tracking.rig.unit == "m":
         return ScaledTrajectory(closed.trajectory)
     if closed:
         known.correct(tracking.trajectory, closed.trajectory)
