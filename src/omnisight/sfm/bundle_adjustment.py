@@ -13,7 +13,7 @@ from omnisight.optim.block_matrix import BlockMatrix, BlockPattern
 from omnisight.optim.levenberg_marquardt import Solution, minimize
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for
-from omnisight.sfm.common_points import common_points, divided_points, nearest_frames
+from omnisight.sfm.common_points import divided_points, strongly_connected_frames
 from omnisight.sfm.linearized_bundle import POINTS_PER_TASK, CameraColumns, DividedPoints, LinearizedBundle, Prior
 from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.pixel_rays import PixelRays
@@ -32,9 +32,10 @@ POSE = 6
 # of elimination.
 MAX_DENSE_COLUMNS = 600
 # Columns of the cameras up to which their matrix is factored. Beyond, the preconditioner of conjugate gradients
-# connects each frame with those that it has most points in common with. A step of 3000 frames of a town took 67
-# iterations with 30 of them, 17 with 60, and 11 with 100, whose factorization takes twice the arithmetic.
-MAX_FACTORED_COLUMNS, NEAREST_FRAMES = 6000, 60
+# connects only frames with this share of common points. Of 3000 frames of a town, in which clouds connect streets, it
+# keeps 96 % of the observations, and takes 0.3 % of the arithmetic of the factorization of the whole matrix, and 18 to
+# 50 iterations. With the 60 frames of most common points instead, a step took seven times as long.
+MAX_FACTORED_COLUMNS, STRONG_SHARE = 6000, 0.01
 
 
 @dataclass(frozen=True)
@@ -126,8 +127,10 @@ class Bundle:
         if self.parameters[2] <= MAX_FACTORED_COLUMNS:
             return None
         frame, cameras = self.rays.frame, self.cameras
-        is_near = nearest_frames(common_points(frame, self.rays.point), NEAREST_FRAMES)
-        part = divided_points(frame, self.rays.point, is_near)
+        of_frame, points = self.start.rig_from_world[frame], self.start.points[self.rays.point]
+        distance = np.linalg.norm(np.einsum("mij,mj->mi", of_frame[:, :, :3], points) + of_frame[:, :, 3], axis=1)
+        is_strong = strongly_connected_frames(frame, self.rays.point, distance, STRONG_SHARE)
+        part = divided_points(frame, self.rays.point, is_strong)
         order = np.argsort(part, kind="stable")
         use = order[np.bincount(part)[part[order]] > 1]
         point = np.unique(part[use], return_inverse=True)[1]

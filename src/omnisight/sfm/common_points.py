@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
@@ -23,15 +24,32 @@ def frames_with_common_points(common: csr_array, least: int) -> NDArray[np.bool_
     return is_connected
 
 
-def nearest_frames(common: csr_array, count: int) -> NDArray[np.bool_]:
-    """Return which pairs of frames (F, F): one is among those with which the other has most points in common."""
-    pairs, is_connected = common.tocoo(), np.eye(len(common.indptr) - 1, dtype=bool)
-    order = np.lexsort((pairs.col, -np.asarray(pairs.data, np.intp), pairs.row))
-    order = order[(pairs.row != pairs.col)[order]]
-    row, column = pairs.row[order], pairs.col[order]
-    is_near = np.arange(len(row)) - np.searchsorted(row, row) < count
-    is_connected[row[is_near], column[is_near]] = True
-    return is_connected | is_connected.T
+def strongly_connected_frames(frame: Indices, point: Indices, distance: Array, least: float) -> NDArray[np.bool_]:
+    """Return which pairs of frames (F, F) have this share of the points of either in common, weighted by distance.
+
+    The weight of an observation at a distance d is min(1, m / d), with the median m of its frame: far points say little
+    about the relative position of two frames, and connect frames that are far apart.
+
+    Parameters
+    ----------
+    frame, point
+        (M,) indices of the observations.
+    distance
+        (M,) of the points from the frames.
+    least
+        Least share of the sum of the products of the weights.
+    """
+    order = np.lexsort((distance, frame))
+    starts = np.searchsorted(frame[order], np.arange(int(frame.max()) + 2))
+    median = distance[order][(starts[:-1] + starts[1:] - 1) // 2]
+    weights = np.minimum(1.0, median[frame] / np.maximum(distance, np.finfo(float).tiny))
+    seen = csr_array(coo_array((weights, (frame, point))))
+    common = seen @ seen.T
+    pairs, total = common.tocoo(), common.diagonal()
+    strong = pairs.data >= least * np.minimum(total[pairs.row], total[pairs.col])
+    is_connected = np.eye(len(total), dtype=bool)
+    is_connected[pairs.row[strong], pairs.col[strong]] = True
+    return is_connected
 
 
 def divided_points(frame: Indices, point: Indices, is_connected: NDArray[np.bool_]) -> Indices:

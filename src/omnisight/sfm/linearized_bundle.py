@@ -18,8 +18,8 @@ from omnisight.parallel import parallel_for
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Points per task of a thread.
-POINTS_PER_TASK = 2048
+# Points per task of a thread, and most tasks of one that has a matrix of the cameras.
+POINTS_PER_TASK, MAX_MATRICES = 2048, 8
 # Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
 # means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
@@ -210,7 +210,8 @@ class LinearizedBundle:
             reduce_points(*indices, *self._jacobian, damping, first, last, *into, *memory)
             parts[first] = part
 
-        parallel_for(work, len(self.starts) - 1, POINTS_PER_TASK)
+        points = len(self.starts) - 1
+        parallel_for(work, points, max(POINTS_PER_TASK, -(-points // MAX_MATRICES)))
         # In the order of the points, whatever thread was first: sums are rounded in the same way in every run.
         (matrix, right, diagonal), *others = (parts[first] for first in sorted(parts))
         for part in others:
