@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -84,6 +85,68 @@ def test_time_stamps_and_sound_are_kept_in_every_container(flash, tmp_path, suff
     # Encoders of sound spread a beginning over some milliseconds.
     assert beep_start(output) == pytest.approx(after[FLASH].seconds, abs=0.015)
     assert not list(tmp_path.glob("*.partial*"))
+
+
+def clip_with_sound(path, layout, codec="pcm_s16le", rate=SOUND_RATE):
+    """Write a clip of 10 frames with a tone in all channels of a layout."""
+    with av.open(str(path), "w") as container:
+        video = container.add_stream("libx264", rate=RATE, options={"preset": "ultrafast"})
+        video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
+        sound = container.add_stream(codec, rate=rate, layout=layout)
+        for k in range(10):
+            frame = av.VideoFrame.from_ndarray(gray_frame(30))
+            frame.pts, frame.time_base = k, Fraction(1, RATE)
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+        tone = 8000 * np.sin(2 * np.pi * BEEP_HZ * np.arange(int(0.4 * rate)) / rate)
+        samples = np.repeat(tone.astype(np.int16), sound.layout.nb_channels)[None]
+        block = av.AudioFrame.from_ndarray(samples, "s16", layout)
+        block.sample_rate, block.pts = rate, 0
+        container.mux([*sound.encode(block), *sound.encode(None)])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("layout", "codec", "rate", "suffix", "written"),
+    [
+        ("4 channels", "pcm_s16le", 48_000, ".mp4", "stereo"),
+        ("1 channels", "pcm_s16le", 48_000, ".mp4", "mono"),
+        ("5.1(side)", "flac", 48_000, ".webm", "stereo"),
+        ("5.1", "flac", 48_000, ".webm", "5.1"),
+        ("stereo", "flac", 44_100, ".webm", "stereo"),
+        ("mono", "pcm_s16le", 192_000, ".mp4", "mono"),
+    ],
+)
+def test_sound_of_any_layout_and_rate_is_kept(tmp_path, layout, codec, rate, suffix, written):
+    clip = clip_with_sound(tmp_path / "clip.mkv", layout, codec, rate)
+    with av.open(str(copy(clip, tmp_path / f"copy{suffix}"))) as container:
+        (stream,) = container.streams.audio
+        assert stream.layout.name == written
+        to_mono = av.AudioResampler("flt", "mono", SOUND_RATE)
+        blocks = [block.to_ndarray() for frame in container.decode(stream) for block in to_mono.resample(frame)]
+    samples = np.concatenate(blocks, axis=1)[0]
+    assert np.abs(samples[4800:14_400]).max() > 0.1
+    spectrum = np.abs(np.fft.rfft(samples[4800:14_400]))
+    assert np.argmax(spectrum) * 5 == pytest.approx(BEEP_HZ, abs=5)
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="lists open files")
+@pytest.mark.parametrize(
+    ("encoder", "message"), [("aac", "cannot be converted to stereo"), ("libopus", "cannot encode")]
+)
+def test_sound_that_cannot_be_written_is_reported_and_no_file_remains_open(tmp_path, monkeypatch, encoder, message):
+    clip = clip_with_sound(tmp_path / "clip.mkv", "9 channels", rate=44_100)
+    monkeypatch.setattr("omnisight.images.sound.DEFAULT_ENCODER", encoder)
+    if encoder == "libopus":
+        monkeypatch.setattr("omnisight.images.sound.COMMON_RATE", 1)
+    # The traceback of the error keeps objects that were not closed.
+    with pytest.raises(ValueError, match=r"^clip\.mkv: .*of 9 channels, 44100 Hz.*--no-sound") as raised:
+        copy(clip, tmp_path / "copy.mp4")
+    opened = [os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()]
+    assert opened
+    assert not [path for path in opened if path.startswith(str(tmp_path))]
+    assert message in str(raised.value)
+    assert not (tmp_path / "copy.mp4").exists()
 
 
 def test_sound_can_be_left_out(flash, tmp_path):

@@ -1,10 +1,11 @@
 """The sound of a clip, copied to another file beside its new images."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-from omnisight.images.video import CONTAINER_UNITS, video_input
+from omnisight.images.video import CONTAINER_UNITS
 
 # Sound codecs that each container holds; MKV holds all. Others are encoded anew.
 COPIED = {
@@ -15,8 +16,9 @@ COPIED = {
 }
 ENCODERS = {".webm": "libopus"}
 DEFAULT_ENCODER = "aac"
-# libopus accepts few sampling rates, and this one of all.
-OPUS_RATE = 48_000
+# A sampling rate that all of these encoders accept.
+COMMON_RATE = 48_000
+WITHOUT_SOUND = "write the video without it (--no-sound)"
 
 
 class Sound:
@@ -28,21 +30,26 @@ class Sound:
         Number of tracks.
     """
 
-    def __init__(self, path: Path, output: Any, suffix: str) -> None:
-        """Add the tracks to an output container whose header is not yet written."""
+    def __init__(self, clip: Any, output: Any, suffix: str) -> None:
+        """Add the tracks of an opened clip to an output container whose header is not yet written.
+
+        Raises
+        ------
+        ValueError
+            If a track can neither be copied nor encoded.
+        """
         self._output, self._resamplers = output, dict[int, Any]()
         self._targets = dict[int, Any]()
-        self._input = video_input(path)
-        container, _ = self._input.__enter__()
-        self._start = (container.start_time or 0) / CONTAINER_UNITS
-        for stream in container.streams.audio:
+        self._name = Path(clip.name).name
+        self._start = (clip.start_time or 0) / CONTAINER_UNITS
+        for stream in clip.streams.audio:
             if stream.codec_context is None:  # of an unknown codec
                 continue
             if suffix not in COPIED or stream.codec_context.codec.canonical_name in COPIED[suffix]:
                 self._targets[stream.index] = output.add_stream_from_template(stream)
             else:
                 self._targets[stream.index] = self._encoder(stream, suffix)
-        self._packets = self._read(container)
+        self._packets = self._read(clip)
         self._next: tuple[float, list[Any]] | None = None
 
     @property
@@ -59,45 +66,38 @@ class Sound:
                 self._output.mux(packet)
             self._next = None
 
-    def close(self) -> None:
-        """Finish encoded tracks and close the clip."""
-        for index, resampler in self._resamplers.items():
-            target = self._targets[index]
-            for frame in resampler.resample(None):
-                self._output.mux(target.encode(frame))
-            self._output.mux(target.encode(None))
-        self._input.__exit__(None, None, None)
+    def finish(self) -> None:
+        """Write what the encoders still hold."""
+        for index in self._resamplers:
+            for frame in self._resampled(None, index):
+                self._output.mux(self._targets[index].encode(frame))
+            self._output.mux(self._targets[index].encode(None))
 
-    def _read(self, container: Any) -> Generator[tuple[float, list[Any]]]:
+    def _read(self, clip: Any) -> Generator[tuple[float, list[Any]]]:
         """Return the time and the packets to write of each packet of the clip."""
-        from av.error import FFmpegError
-
-        streams = [stream for stream in container.streams.audio if stream.index in self._targets]
-        try:
-            for packet in container.demux(streams) if streams else ():
-                if packet.pts is None or packet.time_base is None:
-                    continue
-                offset = round(self._start / packet.time_base)
-                packet.pts -= offset
-                packet.dts = packet.pts if packet.dts is None else packet.dts - offset
-                if packet.pts < 0:  # priming samples before the first image
-                    continue
-                seconds = float(packet.pts * packet.time_base)
-                index = packet.stream.index
-                if index in self._resamplers:
-                    yield seconds, self._encoded(packet, index)
-                else:
-                    packet.stream = self._targets[index]
-                    yield seconds, [packet]
-        except (FFmpegError, OSError):  # the rest of the file is damaged
-            return
+        streams = [stream for stream in clip.streams.audio if stream.index in self._targets]
+        for packet in _packets(clip, streams) if streams else ():
+            if packet.pts is None or packet.time_base is None:
+                continue
+            offset = round(self._start / packet.time_base)
+            packet.pts -= offset
+            packet.dts = packet.pts if packet.dts is None else packet.dts - offset
+            if packet.pts < 0:  # priming samples before the first image
+                continue
+            seconds = float(packet.pts * packet.time_base)
+            index = packet.stream.index
+            if index in self._resamplers:
+                yield seconds, self._encoded(packet, index)
+            else:
+                packet.stream = self._targets[index]
+                yield seconds, [packet]
 
     def _encoder(self, stream: Any, suffix: str) -> Any:
         import av
 
         name = ENCODERS.get(suffix, DEFAULT_ENCODER)
-        rate = OPUS_RATE if name == "libopus" else stream.rate
-        target = self._output.add_stream(name, rate=rate, layout=stream.layout.name)
+        layout, rate = _accepted_settings(name, stream)
+        target = self._output.add_stream(name, rate=rate, layout=layout)
         target.codec_context.open()
         self._resamplers[stream.index] = av.AudioResampler(
             target.format, target.layout, rate, frame_size=target.codec_context.frame_size or None
@@ -108,7 +108,52 @@ class Sound:
         from av.error import FFmpegError
 
         try:
-            frames = [out for frame in packet.decode() for out in self._resamplers[index].resample(frame)]
-        except FFmpegError:
+            decoded = packet.decode()
+        except FFmpegError:  # a damaged packet
             return []
+        frames = [out for frame in decoded for out in self._resampled(frame, index)]
         return [encoded for frame in frames for encoded in self._targets[index].encode(frame)]
+
+    def _resampled(self, frame: Any, index: int) -> list[Any]:
+        """Return the frames for the encoder of a track, after a decoded one or, for None, at the end."""
+        from av.error import FFmpegError
+
+        try:
+            return self._resamplers[index].resample(frame)
+        except (FFmpegError, ValueError) as error:  # ValueError: the layout or the rate changes within the clip
+            target = self._targets[index]
+            given = "" if frame is None else f" of {frame.layout.name}, {frame.sample_rate} Hz"
+            raise ValueError(
+                f"{self._name}: the sound{given} cannot be converted to {target.layout.name}, {target.rate} Hz"
+                f" ({error}): {WITHOUT_SOUND}"
+            ) from None
+
+
+def _accepted_settings(name: str, stream: Any) -> tuple[str, int]:
+    """Return the layout and the sampling rate of a track, replaced by common ones where an encoder refuses them."""
+    import av
+    from av.error import FFmpegError
+
+    common = "mono" if stream.layout.nb_channels == 1 else "stereo"
+    for layout, rate in product((stream.layout.name, common), (stream.rate, COMMON_RATE)):
+        trial: Any = av.CodecContext.create(name, "w")
+        trial.layout, trial.sample_rate, trial.format = layout, rate, trial.codec.audio_formats[0]
+        try:
+            trial.open()
+        except FFmpegError:
+            continue
+        return layout, rate
+    raise ValueError(
+        f"{Path(stream.container.name).name}: {name} cannot encode the sound of {stream.layout.name}, {stream.rate} Hz:"
+        f" {WITHOUT_SOUND}"
+    )
+
+
+def _packets(clip: Any, streams: Sequence[Any]) -> Generator[Any]:
+    """Yield the packets of streams up to where the file is damaged."""
+    from av.error import FFmpegError
+
+    try:
+        yield from clip.demux(streams)
+    except (FFmpegError, OSError):
+        return

@@ -3,6 +3,7 @@
 import os
 import queue
 import threading
+from contextlib import ExitStack
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -15,7 +16,7 @@ from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.sound import Sound
 from omnisight.images.spherical_video import tag_sphere
-from omnisight.images.video import Clip
+from omnisight.images.video import Clip, video_input
 from omnisight.images.video_encoders import (
     encoded_depth,
     encoder_name,
@@ -89,6 +90,7 @@ class VideoWriter:
         self._is_sphere = is_sphere
         self.depth = encoded_depth(self._codec, self._clip.bits if self._clip else 8)
         self.frames = 0
+        self._opened = ExitStack()
         self._container: Any = None
         self._sound: Sound | None = None
         self._last = -1
@@ -124,13 +126,14 @@ class VideoWriter:
             raise self._error
 
     def _run(self) -> None:
-        """Encode frames until None arrives; after an error they are dropped."""
+        """Encode frames until None arrives, and close the files; after an error drop the frames."""
         item = self._queue.get()
         try:
-            while item is not None:
-                self._encode(*item)
-                item = self._queue.get()
-            self._finish()
+            with self._opened:
+                while item is not None:
+                    self._encode(*item)
+                    item = self._queue.get()
+                self._finish()
         except BaseException as error:  # raised in the thread of the caller
             self._error = self._explained(error)
             while item is not None:
@@ -156,8 +159,7 @@ class VideoWriter:
         self._container.mux(self._stream.encode(None))
         if self._sound is not None:
             self._sound.write_until(float(self._last * self._time_base + 1 / self._rate))
-            self._sound.close()
-        self._container.close()
+            self._sound.finish()
 
     def _open(self, frame: Any) -> Any:
         import av
@@ -165,7 +167,7 @@ class VideoWriter:
         silence_encoders()
         is_mp4 = self.output.suffix.lower() in (".mp4", ".m4v", ".mov")
         options = {"movflags": MOV_FLAGS, "frag_duration": str(FRAGMENT_US)} if is_mp4 else {}
-        container: Any = av.open(str(self.partial), "w", options=options)
+        container: Any = self._opened.enter_context(av.open(str(self.partial), "w", options=options))
         private = encoder_options(self._encoder, self._options, self._codec)
         stream: Any = container.add_stream(self._encoder, rate=self._rate, options=private)
         stream.width, stream.height = self.size
@@ -178,7 +180,8 @@ class VideoWriter:
             stream.codec_context.codec_tag = "hvc1"  # QuickTime plays no other
         self._stream = stream
         if self._clip is not None and self._options.sound:
-            self._sound = Sound(self._clip.path, container, self.output.suffix.lower())
+            clip, _ = self._opened.enter_context(video_input(self._clip.path))
+            self._sound = Sound(clip, container, self.output.suffix.lower())
         return container
 
     def _converted(self, image: NDArray[np.uint8]) -> Any:
