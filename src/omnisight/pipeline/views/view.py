@@ -1,11 +1,12 @@
 """Views of image files: the counterpart of `omnisight view`."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,37 +129,66 @@ def view(
     OSError
         If a file cannot be written.
     """
-    options = options or ViewOptions()
-    central = None if camera is None else central_camera(camera, name=options.name, distance=options.distance)
+    views = [(output, options or ViewOptions())]
+    return view_images(images, camera, views, mask=mask, view_camera=view_camera, progress=progress)[0]
+
+
+def view_images(
+    images: str | PathLike[str] | Sequence[str | PathLike[str]],
+    camera: AnyCameraSource | None,
+    views: Sequence[tuple[str | PathLike[str], ViewOptions]],
+    *,
+    mask: str | PathLike[str] | None = None,
+    view_camera: str | PathLike[str] | None = None,
+    progress: Progress = no_progress,
+) -> tuple[ViewResult, ...]:
+    """Turn image files into one or several views and write them; each image is read once.
+
+    Parameters
+    ----------
+    images, camera, progress
+        As of `view`.
+    views
+        Output and options of each view. Options that concern the images are those of the first.
+    mask, view_camera
+        As of `view`, of the first view.
+
+    Raises
+    ------
+    ValueError, OSError
+        As of `view`; or if two views have the same file.
+    """
+    first = views[0][1]
+    central = None if camera is None else central_camera(camera, name=first.name, distance=first.distance)
     paths = collect_images(images)
+    files = [_output_files(paths, Path(output)) for output, _ in views]
     read = [*paths, *([Path(camera)] if isinstance(camera, str | PathLike) else [])]
-    files = _prepare_output(paths, Path(output), [Path(each) for each in (mask, view_camera) if each], read)
-    render = None if central is None else ViewRenderer(central, options)
-    written: list[Path] = []
-    errors: list[str] = []
-    for i, (path, file) in enumerate(zip(paths, files, strict=True)):
+    _check_outputs(files, [Path(each) for each in (mask, view_camera) if each], read)
+    if len(paths) > 1:
+        for output, _ in views:
+            Path(output).mkdir(parents=True, exist_ok=True)
+    written = [_ImageView(central, options, own) for (_, options), own in zip(views, files, strict=True)]
+    for i, path in enumerate(paths):
         progress("view", i, len(paths))
         try:
-            image = read_image(path, apply_exif=options.apply_exif)
-            if render is None:
-                size = image.shape[1], image.shape[0]
-                render = ViewRenderer(camera_of_image(None, size, path.name, name=None, scale=False), options)
-            write_image(file, render(image, path.name))
-            written.append(file)
+            image = read_image(path, apply_exif=first.apply_exif)
         except ValueError as error:  # one unusable image does not stop the others
             if len(paths) == 1:
                 raise
-            errors.append(str(error))
+            for each in written:
+                each.errors.append(str(error))
+            continue
+        for each in written:
+            each.write(image, i, path.name)
     progress("view", len(paths), len(paths))
-    if render is None or not written:
-        raise ValueError(skipped_message(errors, len(paths)))
+    results = tuple(each.result() for each in written)
+    render = written[0].renderer
     if mask is not None:
         write_image(Path(mask), render.covered.astype(np.uint8) * 255)
     if view_camera is not None:
         provenance = {"view": True, "target_from_source": render.rotations[0].tolist()}
         save(dataclasses.replace(render.target, provenance=provenance), Path(view_camera))
-    cameras, masks = (render.source, render.target), (render.covered, render.extrapolated)
-    return ViewResult.of(render.options, written, cameras, render.rotations, *masks, errors=errors)
+    return results
 
 
 def skipped_message(errors: Sequence[str], total: int) -> str:
@@ -166,15 +196,63 @@ def skipped_message(errors: Sequence[str], total: int) -> str:
     return f"{len(errors)} of {total} images were skipped:\n  " + "\n  ".join(errors)
 
 
-def _prepare_output(images: Sequence[Path], output: Path, others: Sequence[Path], read: Sequence[Path]) -> list[Path]:
-    """Return the file of each view; check that no file that is read or another output is overwritten."""
+class _ImageView:
+    """One of the views of images.
+
+    Attributes
+    ----------
+    files
+        File of the view of each image.
+    errors
+        Messages of the images that were skipped.
+    """
+
+    def __init__(self, camera: Camera | None, options: ViewOptions, files: Sequence[Path]) -> None:
+        self.files, self.errors = files, list[str]()
+        self._options, self._written = options, list[Path]()
+        self._renderer = None if camera is None else ViewRenderer(camera, options)
+
+    @property
+    def renderer(self) -> ViewRenderer:
+        """The renderer; raises `ValueError` if no image could be used."""
+        if self._renderer is None or not self._written:
+            raise ValueError(skipped_message(self.errors, len(self.files)))
+        return self._renderer
+
+    def write(self, image: NDArray[Any], index: int, name: str) -> None:
+        """Write the view of an image; raise `ValueError` only if it is the only one."""
+        try:
+            if self._renderer is None:
+                size = image.shape[1], image.shape[0]
+                self._renderer = ViewRenderer(camera_of_image(None, size, name, name=None, scale=False), self._options)
+            write_image(self.files[index], self._renderer(image, name))
+            self._written.append(self.files[index])
+        except ValueError as error:
+            if len(self.files) == 1:
+                raise
+            self.errors.append(str(error))
+
+    def result(self) -> ViewResult:
+        """Return the measures of the view."""
+        own = self.renderer
+        cameras, masks = (own.source, own.target), (own.covered, own.extrapolated)
+        return ViewResult.of(own.options, self._written, cameras, own.rotations, *masks, errors=self.errors)
+
+
+def _output_files(images: Sequence[Path], output: Path) -> list[Path]:
+    """Return the file of the view of each image."""
     several = len(images) > 1
     if several and output.is_file():
         raise ValueError(f"{output}: is a file; choose a folder for {len(images)} images")
-    files = output_paths(images, output) if several or output.is_dir() else [output]
+    return output_paths(images, output) if several or output.is_dir() else [output]
+
+
+def _check_outputs(views: Sequence[Sequence[Path]], others: Sequence[Path], read: Sequence[Path]) -> None:
+    """Check that no file that is read or another output is overwritten."""
+    files = [file for view in views for file in view]
     refuse_overwrite([*files, *others], read)
-    if len({file.resolve() for file in (*files, *others)}) < len(files) + len(others):
+    counts = Counter(file.resolve() for file in files)
+    if doubled := [file for file in files if counts[file.resolve()] > 1]:
+        raise ValueError(f"{doubled[0]}: two views have the same file; specify one for each")
+    if len({*counts, *(file.resolve() for file in others)}) < len(files) + len(others):
         raise ValueError(f"{others[0]}: the view, its mask and its camera have the same file; specify one for each")
-    if several:
-        output.mkdir(parents=True, exist_ok=True)
-    return files

@@ -5,7 +5,7 @@ from os import PathLike
 
 from omnisight.images import has_clip_suffix
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource
-from omnisight.pipeline.views.view import ViewResult, view
+from omnisight.pipeline.views.view import ViewResult, view_images
 from omnisight.pipeline.views.view_clip import ClipViews, view_clip
 from omnisight.pipeline.views.view_options import ViewMotion, ViewOptions
 from omnisight.progress import Progress, no_progress
@@ -49,8 +49,5 @@ def view_files(
         return written.views, written
     if motion.moves:
         raise ValueError(f"{images[0]}: --path, --pan and --stabilize apply to a clip: leave them out")
-    results = [
-        view(images, camera, output, options, mask=mask, view_camera=view_camera, progress=progress)
-        for output, options in views
-    ]
-    return tuple(results), None
+    results = view_images(images, camera, views, mask=mask, view_camera=view_camera, progress=progress)
+    return results, None
