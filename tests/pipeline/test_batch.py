@@ -19,6 +19,7 @@ from omnisight.images import read_image, write_image
 from omnisight.models import model_class
 from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.batch.local_processes import LocalProcesses
 from omnisight.pipeline.batch.manifest import items_of_images, output_names
 from omnisight.pipeline.batch.records import shards_of
 from omnisight.pipeline.batch.storage import list_images
@@ -208,6 +209,38 @@ def test_another_task_or_other_images_are_refused(source, tmp_path):
     (source / "0" / "new.png").write_bytes(b"x")
     with pytest.raises(ValueError, match=r"other images of .* \(1 new, 0 missing\)"):
         run(Reverse(), str(source), out, ONE)
+
+
+@pytest.mark.parametrize(
+    "images", ["images", "./images/*/*.png", "zip://*.png::images.zip", "zip://::file://images.zip"]
+)
+def test_relative_urls_are_those_of_the_current_working_directory(tmp_path, monkeypatch, images):
+    for name in ("one", "two"):
+        (tmp_path / name / "images" / "0").mkdir(parents=True)
+        (tmp_path / name / "images" / "0" / "a.png").write_bytes(name.encode())
+        with zipfile.ZipFile(tmp_path / name / "images.zip", "w") as archive:
+            archive.write(tmp_path / name / "images" / "0" / "a.png", "a.png")
+    for name in ("one", "two"):
+        monkeypatch.chdir(tmp_path / name)
+        items = items_of_images(list_images(images, "out"), ".txt")
+        assert Batch("out", ONE).run(Reverse(), items, images).resumed == 0
+        assert outputs(tmp_path / name / "out") == {"a.txt": name[::-1].encode()}
+
+
+def test_workers_with_another_working_directory_have_the_same_files(source, tmp_path, monkeypatch):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+
+    class Elsewhere(LocalProcesses):
+        def run(self, work, arguments, shards):
+            monkeypatch.chdir(elsewhere)
+            return super().run(work, arguments, shards)
+
+    monkeypatch.setattr("omnisight.pipeline.batch.batch.LocalProcesses", Elsewhere)
+    monkeypatch.chdir(tmp_path)
+    result = run(Reverse(), "images", "out", ONE)
+    assert (result.written, result.failed) == (23, ())
+    assert outputs(tmp_path / "out") == expected(source)
 
 
 @pytest.mark.parametrize(

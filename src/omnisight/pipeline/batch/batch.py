@@ -14,7 +14,7 @@ from omnisight.pipeline.batch.local_processes import LocalProcesses
 from omnisight.pipeline.batch.manifest import check_manifest
 from omnisight.pipeline.batch.records import read_records, shards_of
 from omnisight.pipeline.batch.shard import run_shard
-from omnisight.pipeline.batch.storage import refuse_overwrite
+from omnisight.pipeline.batch.storage import absolute_url, refuse_overwrite
 from omnisight.pipeline.batch.task import Item, Task
 from omnisight.progress import Progress, no_progress
 
@@ -107,9 +107,11 @@ class Batch(Displayed):
             with closing(_workers(self.options)) as pool:
                 workers = pool.workers
                 report = self._reporter(pool, resumed, len(items))
+                # Workers of a cluster have another working directory.
+                arguments = task, absolute_url(source), absolute_url(self.output)
                 shards = shards_of(remaining, records.count, self.options.shard_size, workers)
                 try:
-                    for record in pool.run(run_shard, (task, source, self.output), shards):
+                    for record in pool.run(run_shard, arguments, shards):
                         records.add(record)
                         report(record.images)
                 except OSError as error:

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import fsspec
+from fsspec.core import split_protocol
+from fsspec.implementations.local import make_path_posix
 
 from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
@@ -24,13 +26,28 @@ ACCESS_ADVICE = "check the name, and that the credentials of this machine and of
 # memory.
 VERSION_KEYS = ("ETag", "etag", "CRC", "mtime", "created")
 
+# Protocols of local files and folders.
+LOCAL_PROTOCOLS = (None, "file", "local")
+
 # Files that are read at the same time, of an object store that takes 20 ms for each, and in a row.
 READ_THREADS, READ_COUNT = 16, 1000
 
 
-@cache
+def absolute_url(url: str) -> str:
+    """Return a URL whose local file or folder does not depend on the working directory, of an archive, too."""
+    *inner, last = url.split("::")
+    protocol, path = split_protocol(last)
+    return "::".join([*inner, make_path_posix(path) if protocol in LOCAL_PROTOCOLS else last])
+
+
 def _filesystem(url: str) -> tuple[Any, str]:
     """Return the file system of a URL, and the path in it."""
+    return _opened(absolute_url(url))
+
+
+@cache
+def _opened(url: str) -> tuple[Any, str]:
+    """Return the file system of a URL that is absolute, and the path in it."""
     try:
         return fsspec.core.url_to_fs(url)
     except ImportError as error:
