@@ -211,22 +211,6 @@ def test_another_task_or_other_images_are_refused(source, tmp_path):
         run(Reverse(), str(source), out, ONE)
 
 
-@pytest.mark.parametrize(
-    "images", ["images", "./images/*/*.png", "zip://*.png::images.zip", "zip://::file://images.zip"]
-)
-def test_relative_urls_are_those_of_the_current_working_directory(tmp_path, monkeypatch, images):
-    for name in ("one", "two"):
-        (tmp_path / name / "images" / "0").mkdir(parents=True)
-        (tmp_path / name / "images" / "0" / "a.png").write_bytes(name.encode())
-        with zipfile.ZipFile(tmp_path / name / "images.zip", "w") as archive:
-            archive.write(tmp_path / name / "images" / "0" / "a.png", "a.png")
-    for name in ("one", "two"):
-        monkeypatch.chdir(tmp_path / name)
-        items = items_of_images(list_images(images, "out"), ".txt")
-        assert Batch("out", ONE).run(Reverse(), items, images).resumed == 0
-        assert outputs(tmp_path / name / "out") == {"a.txt": name[::-1].encode()}
-
-
 def test_workers_with_another_working_directory_have_the_same_files(source, tmp_path, monkeypatch):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

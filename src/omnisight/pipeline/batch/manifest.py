@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from omnisight.pipeline.batch.storage import FOLDER, read_below, write_file
+from omnisight.pipeline.batch.storage import FOLDER, absolute_url, file_system, read_below, write_file
 from omnisight.pipeline.batch.task import Item, Task
 
 MANIFEST = f"{FOLDER}/manifest.json"
@@ -73,9 +73,9 @@ def check_manifest(task: Task, items: Sequence[Item], source: str, output: str) 
     Raises
     ------
     ValueError
-        If the folder has the manifest of another task or of other files.
+        If the folder has the manifest of another task, of another archive, or of other files.
     """
-    manifest = Manifest(task.description, source, tuple(items))
+    manifest = Manifest(task.description, absolute_url(source), tuple(items))
     stored = read_below(output, MANIFEST)
     if stored is None:
         write_file(output, MANIFEST, manifest.to_json().encode())
@@ -94,6 +94,8 @@ def check_manifest(task: Task, items: Sequence[Item], source: str, output: str) 
             f"{output}: holds a run with another {name.replace('_', ' ')} ({was.get(name)}, now {now.get(name)}):"
             f" {advice}"
         )
+    if file_system(before.source) != file_system(source):
+        raise ValueError(f"{output}: holds a run over images of {before.source}, not of {manifest.source}: {advice}")
     if before.items != manifest.items:
         old, new = ({path for item in each.items for path in item.inputs} for each in (before, manifest))
         raise ValueError(

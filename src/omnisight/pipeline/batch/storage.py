@@ -40,6 +40,15 @@ def absolute_url(url: str) -> str:
     return "::".join([*inner, make_path_posix(path) if protocol in LOCAL_PROTOCOLS else last])
 
 
+def file_system(url: str) -> str:
+    """Return what two URLs of one file system have in common: the protocol, and the archive if they are in one."""
+    *inner, last = absolute_url(url).split("::")
+    links = [link for link in inner if "://" in link]  # without caches, such as simplecache::s3://bucket/folder
+    protocol = split_protocol((links or [last])[0])[0] or "file"
+    archive = last if split_protocol(last)[0] else Path(os.path.realpath(last)).as_posix()
+    return "::".join([protocol, *links[1:], archive] if links else [protocol])
+
+
 def _filesystem(url: str) -> tuple[Any, str]:
     """Return the file system of a URL, and the path in it."""
     return _opened(absolute_url(url))
