@@ -208,3 +208,12 @@ def test_the_gradient_for_several_boards_is_the_derivative_of_the_cost(known):
         ahead, behind = (problem.cost(problem.move(state, sign * step)) for sign in (1, -1))
         numeric = (ahead - behind) / (2 * scale[k])
         assert numeric == pytest.approx(gradient[k], rel=1e-6, abs=1e-6 / scale[k])
+
+
+def test_images_to_drop_are_left_out_of_every_board(known):
+    rig, poses = rig_scene("stereo", 4).rig, hand_held(np.random.default_rng(2), 8)
+    boards = {"a": poses, "b": [pose @ BESIDE for pose in poses]}
+    calibration = om.calibrate_rig(observe(rig, boards), known(rig, drop=("0003.png",)))
+    assert calibration.cameras
+    for camera in calibration.cameras:
+        assert sorted(camera.images) == [f"{k:04d}.png" for k in range(8) if k != 3]

@@ -187,3 +187,25 @@ def test_the_rig_file_holds_the_result(stereo, tmp_path):
     assert np.array_equal(again.covariance, calibration.rig.covariance)
     assert again.calibration["rms"] == calibration.rms
     assert again.unit == "m"
+
+
+def test_images_of_corner_files_are_dropped_by_name(tmp_path):
+    camera, board = om.perspective((640, 480), 90), om.Checkerboard(9, 6, 0.03)
+    rig = om.Rig.from_sensors({"left": (camera, om.Pose()), "right": (camera, om.Pose(translation=[-0.1, 0, 0]))})
+    rng = np.random.default_rng(0)
+    turns = [so3.exp(rng.uniform(-0.4, 0.4, 3)) for _ in range(6)]
+    shown = [(board.points - board.points.mean(0)) @ turn.T + np.array([0.05, 0.0, 0.4]) for turn in turns]
+    files = []
+    for name, sensor_from_rig in zip(rig.names, rig.sensor_from_rig, strict=True):
+        corners = [camera.project(sensor_from_rig @ points)[0] for points in shown]
+        corners = np.array(corners) + rng.normal(0, 0.1, (6, len(board.points), 2))
+        np.savez(tmp_path / f"{name}.npz", corners=corners, pattern=(9, 6), image_size=camera.size)
+        om.save(camera, tmp_path / f"{name}.json")
+        files.append(f"{name}={tmp_path / name}.json")
+    options = om.CalibrateRigOptions(camera=tuple(files), square="30mm", flat=True, drop=("left-2", "right-5"))
+    sources = [tmp_path / f"{name}.npz" for name in rig.names]
+    left, right = om.calibrate_rig(sources, options).cameras
+    assert left.images == [f"left-{k}" for k in (1, 3, 4, 5, 6)]
+    assert right.images == [f"right-{k}" for k in (1, 2, 3, 4, 6)]
+    with pytest.raises(ValueError, match=r"--drop: no camera has an image left-7 \(did you mean left-6"):
+        om.calibrate_rig(sources, dataclasses.replace(options, drop=("left-7",)))

@@ -119,6 +119,21 @@ def load_observations(
     return load_observations(detections)
 
 
+def image_names(source: Source, options: SourceOptions = SourceOptions()) -> list[str]:
+    """Return the names of the images that `load_observations` takes, without detecting boards.
+
+    Raises
+    ------
+    ValueError
+        If a corner file cannot be read.
+    """
+    is_loaded = isinstance(source, Observations | Detections) or _list_of_arrays(source) is not None
+    if is_loaded or is_corner_source(_paths(source)):
+        observations = load_observations(source, options)
+        return list(observations.image_names or observations.names)
+    return image_labels(collect_images(_paths(source), videos=True))
+
+
 def is_corner_source(items: Iterable[str | PathLike[str]]) -> bool:
     """Return whether a source consists of corner files: it contains no image, clip or folder.
 

@@ -16,9 +16,8 @@ from omnisight.calibration.rigs.model_uncertainty import model_covariance, model
 from omnisight.camera import Camera
 from omnisight.choices import check_options
 from omnisight.extensions import did_you_mean_file
-from omnisight.images.collect import collect_images
-from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.calibration.provenance import tool_provenance
+from omnisight.pipeline.detection.detect import image_names
 from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.rig_calibration.rig_calibration import RigCalibration, pair_evidence
 from omnisight.pipeline.rig_calibration.rig_cameras import (
@@ -34,7 +33,6 @@ from omnisight.pipeline.rig_calibration.simultaneous_views import SimultaneousVi
 from omnisight.pipeline.rig_calibration.unconnected_rig import explain_unconnected
 from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
-from omnisight.targets.observations import Observations
 
 Array = NDArray[np.float64]
 
@@ -100,18 +98,13 @@ def _check_names(named: Mapping[str, Any], options: CalibrateRigOptions) -> None
     """Check that every known camera has images, and that the images to leave out exist."""
     if unknown := [name for name in options.camera_files if name not in named]:
         raise ValueError(f"--camera {unknown[0]}: there are no images of this camera; there are {', '.join(named)}")
-    images = {image for source in named.values() for image in _image_names(source)} if options.drop else set[str]()
+    if not options.drop:
+        return
+    single = options.single(next(iter(options.targets.values())))
+    views = [v for source in named.values() for v in (source.values() if isinstance(source, Mapping) else [source])]
+    images = {image for each in views for image in image_names(each, single)}
     if unknown := [name for name in options.drop if name not in images]:
         raise ValueError(f"--drop: no camera has an image {unknown[0]}{did_you_mean_file(unknown[0], images)}")
-
-
-def _image_names(source: Any) -> list[str]:
-    """Return the names of the images of a camera."""
-    if isinstance(source, Mapping):
-        return [name for views in source.values() for name in _image_names(views)]
-    if isinstance(source, Observations):
-        return list(source.image_names or source.names)
-    return image_labels(collect_images(source, videos=True))
 
 
 def assess(

@@ -138,7 +138,8 @@ def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: P
 def _load_boards(source: Any, options: CalibrateRigOptions, progress: Progress) -> Boards:
     """Return the views of each board; those of several boards may be given by the name of the board."""
     if isinstance(source, Mapping):
-        return {str(board): load_observations(views, options.single()) for board, views in source.items()}
+        loaded = {str(board): load_observations(views, options.single()) for board, views in source.items()}
+        return {board: _dropped(observations, options) for board, observations in loaded.items()}
     found: dict[str, Observations] = {}
     for board, target in options.targets.items():
 
