@@ -1,10 +1,12 @@
-"""`omnisight export` of reconstructions whose images have an EXIF orientation."""
+"""`omnisight export`: images with an EXIF orientation, and options that do not apply to a format."""
 
 import base64
 import json
 
 import numpy as np
+import pytest
 
+import omnisight as om
 from jpegs import jpeg
 from omnisight.images import decode_image, read_image
 from omnisight.reconstructions import write_reconstruction
@@ -36,3 +38,29 @@ def test_images_are_rotated_by_their_orientation(run, tmp_path):
     data = json.loads(page.split('id="reconstruction">')[1].split("</script>")[0])
     image = decode_image(base64.b64decode(data["cameras"][0]["image"].split(",")[1]), "image")
     assert image.shape[1] == 2 * image.shape[0]
+
+
+@pytest.mark.parametrize(
+    ("to", "options", "message"),
+    [
+        ("ffmpeg", "--workers 2", "--workers, --cluster and URLs apply to --to splat with --images"),
+        ("stmap", "--images images", "--images does not apply to --to stmap: leave it out"),
+        ("glsl", "--apply-exif", "--apply-exif does not apply to --to glsl: leave it out"),
+        ("colmap", "--fov 90 --yaw 30", "--fov, --yaw do not apply to --to colmap: leave them out"),
+        ("colmap", "--images images", "--images does not apply to --to colmap: leave it out"),
+        ("splat", "--view cylinder", "--view does not apply to --to splat: leave it out"),
+        (
+            "viewer",
+            "--size 64x64 --image-size 64x48",
+            "--size, --image-size do not apply to --to viewer: leave them out",
+        ),
+    ],
+)
+def test_options_that_do_not_apply_to_the_format_are_refused(run, tmp_path, to, options, message):
+    write_reconstruction(tmp_path / "model", single())
+    om.save(om.perspective((64, 48), 90), tmp_path / "camera.json")
+    source = tmp_path / ("camera.json" if to in ("ffmpeg", "stmap", "glsl") else "model")
+    status, _, err = run("export", source, "--to", to, *options.split(), "-o", tmp_path / "out")
+    assert status == 2
+    assert message in err
+    assert not list(tmp_path.glob("out*"))

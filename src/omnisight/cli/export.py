@@ -1,5 +1,6 @@
 """omnisight export."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from omnisight.reconstructions import ExportOptions
 
 GROUP = "Views"
+# Options that do not apply to views, and those that apply to formats of reconstructions; `to` is --view.
+OF_IMAGES = "images", "apply_exif"
+OF_MODELS = {"splat": (*OF_IMAGES, "size"), "viewer": OF_IMAGES}
 
 
 def export(
@@ -53,13 +57,17 @@ def export(
     from omnisight.reconstructions import ExportOptions
 
     kind = export_kind(source, to)
+    is_batch = batch.apply_to(images or "", output)
+    if is_batch and (to != "splat" or images is None):
+        raise ValueError(
+            "--workers, --cluster and URLs apply to --to splat with --images: leave them out, or specify both"
+        )
+    specified = [field.name for field in fields(view) if getattr(view, field.name) != field.default]
+    specified += ["images"] * (images is not None) + ["image_size"] * (image_size is not None)
+    _refuse_unused(to, specified, is_view=kind == "view")
     if kind == "view":
         _export_view(source, to, Path(output), view, image_size)
-    elif batch.apply_to(images or "", output):
-        if to != "splat" or images is None:
-            raise ValueError(
-                "--workers, --cluster and URLs apply to --to splat with --images: leave them out, or specify both"
-            )
+    elif is_batch and images is not None:
         _export_batch(source, images, output, batch, view)
     else:
         folder = Path(images) if images else None
@@ -67,6 +75,15 @@ def export(
             _export_viewer(source, Path(output), folder, view.apply_exif)
         else:
             _export_reconstruction(source, Path(output), ExportOptions(to, folder, _width(view), view.apply_exif))
+
+
+def _refuse_unused(to: str, specified: list[str], *, is_view: bool) -> None:
+    """Raise ValueError if specified options do not apply to a format."""
+    unused = [name for name in specified if (name in OF_IMAGES if is_view else name not in OF_MODELS.get(to, ()))]
+    if unused:
+        options = ", ".join(f"--{'view' if name == 'to' else name.replace('_', '-')}" for name in unused)
+        verb, pronoun = ("does", "it") if len(unused) == 1 else ("do", "them")
+        raise ValueError(f"{options} {verb} not apply to --to {to}: leave {pronoun} out")
 
 
 def _export_view(
