@@ -14,6 +14,7 @@ from omnisight.diagnosis.readout_time import ReadoutTime, estimate_readout_time
 from omnisight.diagnosis.static_regions import StaticEdges
 from omnisight.features.detection import illuminated_region
 from omnisight.images import estimate_image_field
+from omnisight.images.mask import masked_region
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -149,9 +150,7 @@ class Recording:
         else:
             v, u = np.indices(gray.shape)
             region = estimate_image_field([gray]).contains(np.stack([u, v], -1).astype(float))
-        self._region = region if self.mask is None else region & self.mask
-        if not self._region.any():
-            raise ValueError("the mask selects no pixel of the field of view: use white for usable pixels")
+        self._region = masked_region(region, self.mask)
         self.edges = StaticEdges(self._region)
         if self.camera is not None:
             self.tracking = PatchTracking(self.camera, self._region)

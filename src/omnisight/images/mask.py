@@ -25,3 +25,18 @@ def read_mask(path: str | Path, size: tuple[int, int]) -> NDArray[np.bool_]:
         )
     # A PBM bitmap stores black on white: its set pixels decode as black.
     return gray < 128 if read_bytes(path)[:2] in (b"P1", b"P4") else gray > 127
+
+
+def masked_region(region: NDArray[np.bool_], mask: NDArray[np.bool_] | None, camera: str = "") -> NDArray[np.bool_]:
+    """Return the pixels of a region (H, W) that a mask selects, of the camera of a name; all without a mask.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    used = region if mask is None else region & mask
+    if not used.any():
+        of = f" of {camera}" if camera else ""
+        raise ValueError(f"the mask{of} selects no pixel of the field of view: use white for usable pixels")
+    return used

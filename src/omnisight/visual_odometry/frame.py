@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.features.detection import illuminated_region
 from omnisight.geometry.pose import Pose
+from omnisight.images.mask import masked_region
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.ray_observations import FrameRays
@@ -48,8 +49,4 @@ def usable_regions(rig: Rig, images: Sequence[Bytes], masks: Sequence[Mask] | No
         If there are none.
     """
     regions = [illuminated_region(image, camera) for image, camera in zip(images, central_cameras(rig), strict=True)]
-    regions = [region & mask for region, mask in zip(regions, masks or regions, strict=True)]
-    for region, name in zip(regions, rig.names, strict=True):
-        if not region.any():
-            raise ValueError(f"the mask of {name} selects no pixel of the field of view: use white for usable pixels")
-    return regions
+    return [masked_region(*each) for each in zip(regions, masks or [None] * len(rig), rig.names, strict=True)]
