@@ -44,6 +44,15 @@ def test_a_rig_in_one_point_has_no_scale(room):
     assert not result.has_scale
 
 
+def test_masks_of_a_rig_are_those_of_some_cameras_or_one_of_all(room, tmp_path):
+    folder, rig = room
+    first, last = rig.names
+    om.write_image(tmp_path / f"{last.upper()}.png", np.zeros((320, 320), np.uint8))
+    for mask, name in ((tmp_path, last), (tmp_path / f"{last.upper()}.png", first)):
+        with pytest.raises(ValueError, match=f"the mask of {name} selects no pixel of the field of view"):
+            om.odometry(folder, rig=rig, options=om.OdometryOptions(mask=mask))
+
+
 def rays(noise, scale=2.5, distance=4.0):
     """Return rays of points at a distance in units from a first camera, and of a second one 0.2 m beside it."""
     rng = np.random.default_rng(0)

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from omnisight.images import Clip, check_frame_rates, collect_images, has_clip_suffix, read_image
+from omnisight.images import Clip, check_frame_rates, collect_images, has_clip_suffix, read_image, read_mask
 from omnisight.parallel import prefetch
 from omnisight.pipeline.inputs.image_set import camera_of, image_folders
 
@@ -115,8 +115,6 @@ def load_masks(folder: Path | None, names: Sequence[str], sizes: Mapping[str, tu
     ValueError
         If the folder has no masks, or one is not of the size of its camera.
     """
-    from omnisight.images import read_mask
-
     if folder is None:
         return [None] * len(names)
     if not folder.is_dir():
@@ -126,3 +124,21 @@ def load_masks(folder: Path | None, names: Sequence[str], sizes: Mapping[str, tu
     if all(mask is None for mask in masks):
         raise ValueError(f"{folder}: has no image with the name of a camera: {', '.join(names)}")
     return masks
+
+
+def read_masks(path: Path | None, names: Sequence[str], sizes: Sequence[tuple[int, int]]) -> list[Any]:
+    """Return the mask of each camera: that of all, or the file with its name in a folder; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If a mask cannot be read, or a folder does not have one for a camera of each name, or for the only camera.
+    """
+    if path is None or not path.is_dir():
+        return [None if path is None else read_mask(path, size) for size in sizes]
+    if names:
+        return load_masks(path, names, dict(zip(names, sizes, strict=True)))
+    files = [file for file in sorted(path.iterdir()) if file.is_file()]
+    if len(files) != 1:
+        raise ValueError(f"{path}: contains {len(files)} files: specify the file of the mask of the camera")
+    return [read_mask(files[0], sizes[0])]

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.formats import load_rig
-from omnisight.images.mask import read_mask
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.inputs.camera_sources import AUTO, AnyCameraSource, CameraSources, RigSource
 from omnisight.pipeline.inputs.central_camera import camera_of_image
+from omnisight.pipeline.inputs.images_of_cameras import read_masks
 from omnisight.pipeline.odometry.frame_sequence import FrameSequence, SequenceFrame
 from omnisight.pipeline.odometry.odometry_options import OdometryOptions
 from omnisight.pipeline.odometry.odometry_result import OdometryResult, TrackingSpeed
@@ -191,14 +191,12 @@ def _body(sources: CameraSources, sequence: FrameSequence, options: OdometryOpti
     return camera_of_image(source, sequence.size, sequence.label, name=None, scale=options.scale_camera)
 
 
-def _masks(path: Path | None, body: Rig | Camera) -> Sequence[NDArray[np.bool_]] | None:
-    """Read the masks of the cameras."""
-    if path is None:
-        return None
-    if isinstance(body, Camera):
-        return [read_mask(path, body.size)]
-    files = [next(iter(sorted(path.glob(f"{name}.*"))), path / f"{name}.png") for name in body.names]
-    return [read_mask(file, camera.size) for file, camera in zip(files, body.cameras, strict=True)]
+def _masks(path: Path | None, body: Rig | Camera) -> list[NDArray[np.bool_]]:
+    """Read the masks of the cameras; those without one use all pixels."""
+    names, cameras = (body.names, body.cameras) if isinstance(body, Rig) else ((), (body,))
+    sizes = [camera.size for camera in cameras]
+    masks = read_masks(path, names, sizes)
+    return [np.ones(size[::-1], np.bool_) if mask is None else mask for mask, size in zip(masks, sizes, strict=True)]
 
 
 def _close_loops(tracking: Odometry, options: OdometryOptions, progress: Progress) -> LoopClosure:

@@ -18,8 +18,8 @@ class OdometryOptions(SequenceOptions, MotionOptions):
     Attributes
     ----------
     mask
-        Image that is white where the images may be used, such as without the vehicle; for a rig a folder with one of
-        the name of each camera.
+        Image that is white where the images may be used, such as without the vehicle; or a folder with a mask for each
+        camera, which has its name.
     to
         Format of the trajectory: tum has the poses that are known, with times; kitti has a row for each image, of NaN
         where the pose is not known. By default kitti for a file that ends in .kitti, else tum.

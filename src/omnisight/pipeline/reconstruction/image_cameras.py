@@ -1,20 +1,18 @@
 """The cameras that took a set of images, their masks, and the candidates for those without calibration."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.images import estimate_image_field, read_mask, readable_images, to_gray8
+from omnisight.images import estimate_image_field, readable_images, to_gray8
 from omnisight.pipeline.inputs.camera_sources import CameraSources
 from omnisight.pipeline.inputs.central_camera import camera_of_image
 from omnisight.pipeline.inputs.image_set import ImageSet
-from omnisight.pipeline.inputs.images_of_cameras import load_masks
+from omnisight.pipeline.inputs.images_of_cameras import read_masks
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.pipeline.reconstruction.self_calibration import candidate_cameras
 
@@ -75,7 +73,7 @@ def cameras_of_images(files: ImageSet, sources: CameraSources, options: Reconstr
         candidates.append(_candidates(files, k, options) if sources.is_unknown(k, size) else [])
         source = candidates[k][0] if candidates[k] else sources.sources[k]
         cameras.append(camera_of_image(source, size, str(path), name=options.name, scale=options.scale_camera))
-    masks = _read_masks(options.mask, sources.names, [camera.size for camera in cameras])
+    masks = read_masks(options.mask, sources.names, [camera.size for camera in cameras])
     return ImageCameras(tuple(cameras), tuple(masks), tuple(candidates), tuple(first))
 
 
@@ -84,17 +82,3 @@ def _candidates(files: ImageSet, camera: int, options: ReconstructOptions) -> li
     readable = islice(readable_images(files.of_camera(camera), apply_exif=options.apply_exif), FIELD_IMAGES)
     images = [to_gray8(image) for _, image in readable]
     return candidate_cameras(estimate_image_field([image for image in images if image.shape == images[0].shape]))
-
-
-def _read_masks(
-    path: Path | None, names: Sequence[str], sizes: Sequence[tuple[int, int]]
-) -> list[NDArray[np.bool_] | None]:
-    """Return the mask of each camera: that of all, or the file with its name in a folder; None if there is none."""
-    if path is None or not path.is_dir():
-        return [None if path is None else read_mask(path, size) for size in sizes]
-    if names:
-        return load_masks(path, names, dict(zip(names, sizes, strict=True)))
-    files = [file for file in sorted(path.iterdir()) if file.is_file()]
-    if len(files) != 1:
-        raise ValueError(f"{path}: contains {len(files)} files: specify the file of the mask of the camera")
-    return [read_mask(files[0], sizes[0])]
