@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import omnisight as om
-from localization.known_points import DIMENSION, descriptors_of, localized, seen_from, unit
+from localization.known_points import DIMENSION, SPHERE, descriptors_of, localized, seen_from, unit
 from omnisight.geometry import rotation as so3
-from omnisight.localization.matched_points import match_points
+from omnisight.localization.matched_points import MatchedPoints, match_points
 from omnisight.pipeline.localization.visual_map import FILE
 from omnisight.sfm.reconstruction import Points, Reconstruction
 
@@ -35,6 +35,21 @@ def test_the_uncertainty_of_the_points_is_part_of_that_of_the_pose(world):
     near, far = localized(keypoints, visual_map), localized(keypoints, other)
     assert far.sigmas[0] > 2 * near.sigmas[0]
     assert far.sigmas[1] > 2 * near.sigmas[1]
+
+
+@pytest.mark.parametrize("seed", [144, 200, 355, 356])
+def test_a_pose_is_kept_that_the_noise_of_the_points_makes_ambiguous(seed):
+    rng = np.random.default_rng(seed)
+    points = unit(rng.normal(size=(32, 3))) * rng.uniform(2, 15, (32, 1))
+    pose = om.Pose(translation=rng.normal(0, 0.7, 3))
+    seen = unit(pose @ (points + rng.normal(0, 0.05, points.shape)))
+    seen[:18] = unit(rng.normal(size=(18, 3)))
+    noise = 1e-3**2 * (np.eye(3) - seen[:, :, None] * seen[:, None, :])
+    covariance = np.tile(0.05**2 * np.eye(3), (32, 1, 1))
+    found = MatchedPoints(SPHERE, SPHERE.project(seen)[0], seen, noise, points, covariance).resect()
+    assert found, found.reason
+    error = pose.step_to(found.cam_from_world)
+    assert error @ np.linalg.solve(found.covariance, error) / 6 < 2.8  # the 99 % quantile
 
 
 def test_errors_that_points_in_one_direction_share_are_part_of_the_uncertainty(world):
