@@ -13,7 +13,7 @@ from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.simulation import Renderer, Scene, fisheye_setup, mirror_setup, scene_named
 from omnisight.simulation.example_rigs import back_to_back
-from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
+from omnisight.simulation.motion_blur import exposure_times
 from omnisight.simulation.preset_motion import DRIVE, Route, preset_trajectory
 from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
@@ -131,12 +131,9 @@ def render(drive: Drive) -> Path:
 
 def _renderer(drive: Drive, camera: om.Camera, rig_from_camera: Pose, k: int) -> Renderer:
     """Return the renderer of an image of a camera of a drive."""
-    time, shutter = k / drive.fps, list[float]()
-    if drive.exposure_time:
-        window = time, drive.exposure_time
-        length = blurred_exposure(camera, drive.motion, rig_from_camera, drive.scene, window)
-        shutter = shutter_times(length, SAMPLES, *window)
-    poses = [drive.motion.at(moment) @ rig_from_camera for moment in (time, *shutter)]
+    window = k / drive.fps, drive.exposure_time
+    times = exposure_times(camera, drive.motion, rig_from_camera, drive.scene, window, SAMPLES)
+    poses = [drive.motion.at(time) @ rig_from_camera for time in (window[0], *times)]
     theta = camera.theta_min or 0.0, camera.theta_max or np.pi
     return Renderer(camera, poses[0], drive.scene, theta=theta, samples=SAMPLES, shutter_poses=poses[1:])
 

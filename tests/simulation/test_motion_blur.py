@@ -7,7 +7,7 @@ from render_cameras import GRAY
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.simulation import Renderer, Scene, box
-from omnisight.simulation.motion_blur import MAX_POSES, blur_length, blurred_exposure, shutter_times
+from omnisight.simulation.motion_blur import MAX_POSES, blur_length, exposure_times, shutter_times
 from omnisight.simulation.texture import Texture
 from omnisight.simulation.trajectory import Trajectory
 
@@ -55,8 +55,13 @@ def test_blur_length_is_the_motion_of_the_image():
     sphere = om.sphere(360)
     assert blur_length(sphere, om.Pose(), turn, Scene(())) == pytest.approx(3, rel=0.1)
     assert blur_length(CAMERA, om.Pose(), om.Pose(), wall()) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_times_of_an_exposure_are_those_of_its_blur():
     motion = Trajectory(np.array((0.0, 1.0)), (moved(0), moved(5.0)))
-    assert blurred_exposure(CAMERA, motion, om.Pose(), wall(), (0.5, 0.1)) == pytest.approx(4, abs=0.4)
+    arguments = CAMERA, motion, om.Pose(), wall()
+    assert exposure_times(*arguments, (0.5, 0.15), 2) == shutter_times(6.0, 2, 0.5, 0.15)
+    assert exposure_times(*arguments, (0.5, 0.0), 2) == []
 
 
 def test_number_of_poses_grows_with_the_blur():

@@ -20,6 +20,34 @@ MAX_STEP_PX, MIN_BLUR_PX = 1.0, 0.1
 MAX_POSES = 64
 
 
+def exposure_times(
+    camera: RenderableCamera,
+    motion: Motion,
+    rig_from_camera: Pose,
+    scene: Scene,
+    window: tuple[float, float],
+    samples: int,
+) -> list[float]:
+    """Return the times at which rays are traced during an exposure; none if the image is sharp.
+
+    Parameters
+    ----------
+    camera, rig_from_camera
+        A camera of a moving rig.
+    motion, scene
+        The motion of the rig in the scene.
+    window
+        Middle and duration of the exposure, seconds.
+    samples
+        Rays per side of a pixel.
+    """
+    time, exposure = window
+    if not exposure:
+        return []
+    begin, end = (motion.at(time + step * exposure) @ rig_from_camera for step in (-0.5, 0.5))
+    return shutter_times(blur_length(camera, begin, end, scene), samples, time, exposure)
+
+
 def shutter_times(length: float, samples: int, time: float, exposure: float) -> list[float]:
     """Return the times at which rays are traced; none for a sharp image.
 
@@ -57,12 +85,3 @@ def blur_length(camera: RenderableCamera, begin: Pose, end: Pose, scene: Scene) 
     width = camera.size[0]
     lengths = np.minimum(lengths, np.abs(width - lengths))
     return float(np.quantile(lengths, QUANTILE)) if len(lengths) else 0.0
-
-
-def blurred_exposure(
-    camera: RenderableCamera, motion: Motion, rig_from_camera: Pose, scene: Scene, window: tuple[float, float]
-) -> float:
-    """Return the length, px, of the blur of an exposure: `window` is its middle and duration, seconds."""
-    time, exposure = window
-    begin, end = (motion.at(time + step * exposure) @ rig_from_camera for step in (-0.5, 0.5))
-    return blur_length(camera, begin, end, scene)

@@ -34,7 +34,7 @@ from omnisight.simulation.dataset import (
 from omnisight.simulation.daylight import clock
 from omnisight.simulation.exports import SimulatedSequence, get_export, remove_exports, write_exports
 from omnisight.simulation.image_samples import ImageSample
-from omnisight.simulation.motion_blur import blurred_exposure, shutter_times
+from omnisight.simulation.motion_blur import exposure_times
 from omnisight.simulation.render import Renderer
 from omnisight.simulation.scene import Scene
 from omnisight.simulation.sensor import exposure_drift
@@ -279,11 +279,8 @@ def _renderer(options: SimulateOptions, scene: Scene, camera: MountedCamera, mot
         rows = motion.row_poses(time, camera.camera.size[1], options.rolling_shutter / 1e3)
         return [row @ mounted for row in rows]
 
-    samples, exposure, times = math.isqrt(options.rays), options.exposure_time / 1e3, list[float]()
-    if exposure:
-        length = blurred_exposure(camera.camera, motion, mounted, scene, (moment, exposure))
-        times = shutter_times(length, samples, moment, exposure)
-    shutter_poses = [poses(time) for time in times]
+    samples, window = math.isqrt(options.rays), (moment, options.exposure_time / 1e3)
+    times = exposure_times(camera.camera, motion, mounted, scene, window, samples)
     return Renderer(
         camera.camera,
         poses(moment),
@@ -291,7 +288,7 @@ def _renderer(options: SimulateOptions, scene: Scene, camera: MountedCamera, mot
         theta=camera.theta,
         samples=samples,
         vignette=options.vignette,
-        shutter_poses=shutter_poses,
+        shutter_poses=[poses(time) for time in times],
     )
 
 
