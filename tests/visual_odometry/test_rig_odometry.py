@@ -36,6 +36,29 @@ def test_the_trajectory_of_a_rig_is_in_metres(room):
     assert np.degrees(np.arccos((np.trace(error.rotation) - 1) / 2)) < 0.2
 
 
+def test_a_segment_without_a_scale_leaves_the_others_in_metres(room, tmp_path):
+    """The mirror image of the scene is another place, in which one of the lenses is covered."""
+    folder, rig = room
+    for sensor, name in enumerate(rig.names):
+        (tmp_path / name).mkdir()
+        images = [om.read_image(path) for path in sorted((folder / name / "images").iterdir())]
+        other = [np.zeros_like(image) if sensor else image[:, ::-1] for image in images[::-1]]
+        for k, image in enumerate([*images, *other]):
+            om.write_image(tmp_path / name / f"{k:02d}.png", image)
+    result = om.odometry(tmp_path, rig=rig)
+    assert result.has_scale
+    first, second = result.segments
+    assert (first.first, first.last, second.last) == (0, FRAMES - 1, 2 * FRAMES - 1)
+    expected = (
+        "the scale of 1 of 2 segments is extrapolated: the cameras of the rig do not determine it from image 12 on"
+    )
+    assert result.warnings == (expected,)
+    centers = [pose.rig_from_world.inverse().translation for pose in result.trajectory]
+    true = [pose.translation for pose in read_trajectory(folder / "poses.txt").poses]
+    measured, length = (np.linalg.norm(np.diff(path[:FRAMES], axis=0), axis=1).sum() for path in (centers, true))
+    assert measured == pytest.approx(length, rel=0.03)
+
+
 def test_a_rig_in_one_point_has_no_scale(room):
     folder, rig = room
     poses = tuple(om.Pose(pose.rotation) for pose in rig.sensor_from_rig)

@@ -1,6 +1,7 @@
 """Segments of a trajectory, and which of them loops join."""
 
 import omnisight as om
+from omnisight.pipeline.odometry.odometry_scale import ScaledTrajectory
 from omnisight.visual_odometry.frame_result import LostSegment, TrackedPose
 from omnisight.visual_odometry.loop_result import Loop
 from omnisight.visual_odometry.segments import Segment, trajectory_segments
@@ -27,3 +28,12 @@ def test_loops_join_the_worlds_of_segments():
 
 def test_without_poses_there_are_no_segments():
     assert trajectory_segments([], LOST, ()) == ()
+
+
+def test_the_scale_of_segments_that_loops_join_to_a_measured_one_is_not_extrapolated():
+    loop = Loop(3, 45, om.Pose(), 1.1, 40, 30, 0.8)
+    for loops, count in (((), "2 of 3"), ((loop,), "1 of 2")):
+        segments = trajectory_segments(TRAJECTORY, LOST, loops)
+        assert ScaledTrajectory.of_rig(TRAJECTORY, segments, None).warnings == ()
+        (warning,) = ScaledTrajectory.of_rig(TRAJECTORY, segments, 25).warnings
+        assert warning.startswith(f"the scale of {count} segments is extrapolated")

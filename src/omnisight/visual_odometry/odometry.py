@@ -71,6 +71,8 @@ class Odometry:
         Number of keyframes so far.
     has_scale
         Whether positions are in metres.
+    extrapolated_from
+        First frame whose scale is extrapolated, since the rig does not determine it any more; None without.
     residuals
         For each tracked frame the standard deviation of its rays from the points, over the one assumed.
     tracker
@@ -84,18 +86,15 @@ class Odometry:
         masks: Sequence[Mask] | None = None,
         imu: ImuSamples | None = None,
     ) -> None:
-        """Prepare for images of a camera or a rig, with masks (H, W) of their usable pixels.
-
-        The gyroscope of an inertial measurement unit predicts turns; its orientation on the camera need not be known.
-        """
+        """Prepare for images, with masks (H, W) of their usable pixels; a gyroscope of any orientation predicts turns."""
         self.rig = central_rig(camera)
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
-        self.keyframes = 0
+        self.keyframes = self._frames = 0
         self.residuals: list[float] = []
         self.has_scale = False
+        self.extrapolated_from: int | None = None
         self._options, self._masks = options, masks
-        self._frames = 0
         self._motion = MotionPrediction.still(0.0, Pose())
         self.tracker: Tracker | None = None
         self._window: KeyframeWindow | None = None
@@ -182,7 +181,7 @@ class Odometry:
             raise ValueError("keyframes were not kept to close loops: use MotionOptions(loops=True)")
         if self._history is None:
             return LoopClosure(tuple(self.trajectory), reason="there are no images")
-        return close_loops(self._history, self.trajectory, has_scale=self.has_scale)
+        return close_loops(self._history, self.trajectory, has_scale=has_baseline(self.rig))
 
     def _track(self, image: Image | Sequence[Image], seconds: float) -> tuple[Frame, Tracker]:
         """Track the patches in the next frame."""
@@ -254,10 +253,11 @@ class Odometry:
         rays = with_points(waiting.frames[-1].rays, window)
         distances = np.linalg.norm(last @ rays.points, axis=1)
         found = estimate_rig_scale(rays, tracker.cross_rays(waiting.frames[-1].pose), distances)
-        self.has_scale = bool(found)
         if not found:
+            self.extrapolated_from = waiting.first.frame if self.has_scale else None
             self.rig = tracker.rig = at_one_point(self.rig)
             return window
+        self.has_scale = True
         relative = last @ first.inverse()
         relative = Pose(relative.rotation, found.scale * relative.translation)
         return waiting.window(relative, self._options.window, has_scale=True)
@@ -278,7 +278,7 @@ class Odometry:
 
     def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
         """Add a keyframe to the window, and start new patches; return its refined pose."""
-        others = tracker.cross_rays(pose) if self.has_scale else FrameRays.none()
+        others = tracker.cross_rays(pose) if has_baseline(self.rig) else FrameRays.none()
         seen = tracker.patches.number[tracker.patches.is_seen]
         window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
         self._store_keyframe(frame, tracker, window)

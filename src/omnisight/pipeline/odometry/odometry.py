@@ -27,6 +27,7 @@ from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
+from omnisight.visual_odometry.segments import trajectory_segments
 
 Watch = Callable[[Odometry, SequenceFrame], None]
 
@@ -212,7 +213,8 @@ def _close_loops(tracking: Odometry, options: OdometryOptions, progress: Progres
 def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> ScaledTrajectory:
     """Return the trajectory in metres if something else than the cameras determines the scale."""
     if tracking.has_scale and tracking.rig.unit == "m":
-        return ScaledTrajectory(closed.trajectory)
+        segments = trajectory_segments(closed.trajectory, tracking.lost, closed.loops)
+        return ScaledTrajectory.of_rig(closed.trajectory, segments, tracking.extrapolated_from)
     if closed:
         known.correct(tracking.trajectory, closed.trajectory)
     return known.apply(closed.trajectory, tracking.lost, closed.loops)

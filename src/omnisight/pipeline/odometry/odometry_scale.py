@@ -19,7 +19,7 @@ from omnisight.visual_odometry.imu_scale import scale_from_imu
 from omnisight.visual_odometry.loop_result import Loop
 from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.scale_estimate import ScaleEstimate
-from omnisight.visual_odometry.segments import trajectory_segments
+from omnisight.visual_odometry.segments import Segment, trajectory_segments
 from omnisight.visual_odometry.wheel_scale import WheelSpeeds, scale_from_wheels
 
 Array = NDArray[np.float64]
@@ -30,6 +30,8 @@ DISTANCE_SIGMA_M = 0.01
 HALF_WINDOW = 10
 # Difference of two scales, over its standard deviation, at which one of them is wrong.
 MAX_DIFFERENCE_SIGMA = 4.0
+
+EXTRAPOLATED = "the scale of {} of {} segments is extrapolated"
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,17 @@ class ScaledTrajectory:
     scale: ScaleEstimate | None = None
     warnings: tuple[str, ...] = ()
     metres_of_frame: Mapping[int, float] = field(default_factory=dict[int, float])
+
+    @classmethod
+    def of_rig(cls, poses: Sequence[TrackedPose], segments: Sequence[Segment], extrapolated_from: int | None) -> Self:
+        """Return a trajectory that a rig determined in metres, except for segments from a frame on."""
+        worlds = {part.world for part in segments}
+        known = {part.world for part in segments if extrapolated_from is None or part.first < extrapolated_from}
+        if worlds == known:
+            return cls(tuple(poses))
+        which = EXTRAPOLATED.format(len(worlds - known), len(worlds))
+        text = f"{which}: the cameras of the rig do not determine it from image {extrapolated_from} on"
+        return cls(tuple(poses), warnings=(text,))
 
     @property
     def metres(self) -> float:
@@ -176,8 +189,8 @@ class ScaleSources:
             reasons = "; ".join(each.reason for each in (found[0] if found else ()))
             return ScaledTrajectory(tuple(poses), ScaleEstimate("", reason=reasons) if reasons else None)
         warnings = [text for of_part in found for text in _contradictions(of_part)]
-        if unknown := len(set(worlds) - set(best)):
-            warnings.append(f"the scale of {unknown} of {len(set(worlds))} segments is extrapolated")
+        if set(worlds) > set(best):
+            warnings.append(EXTRAPOLATED.format(len(set(worlds) - set(best)), len(set(worlds))))
         first = last = next(best[world] for world in worlds if world in best)
         frames, scaled = dict[int, WorldInMetres](), list[TrackedPose]()
         for world, part in zip(worlds, parts, strict=True):
