@@ -1,7 +1,6 @@
 """omnisight view."""
 
 import shutil
-import weakref
 
 import cv2
 import numpy as np
@@ -67,45 +66,6 @@ def test_several_images_go_to_a_folder(run, shots, camera_file, tmp_path):
     assert file_names(out) == file_names(shots)
     assert {read_image(path).shape for path in out.iterdir()} == {(120, 160)}
     assert str(out) in said
-
-
-def test_several_views_read_each_image_once(run, folder, camera_file, tmp_path, monkeypatch):
-    damage_image(folder / "1.png", "truncated")
-    options = [("perspective", 0, "160x120"), ("perspective", 40, "200x100"), ("cylinder", 0, "320x200")]
-    for k, (to, yaw, size) in enumerate(options):
-        single = "--to", to, "--yaw", yaw, "--size", size, "-o", tmp_path / f"single{k}"
-        assert run("view", folder, "--camera", camera_file, *single)[0] == 2
-    read, alive = [], []
-
-    def read_once(path, **keywords):
-        image = read_image(path, **keywords)
-        read.append(path.name)
-        alive.append(weakref.ref(image))
-        assert sum(ref() is not None for ref in alive) <= 2  # the one before is replaced afterwards
-        return image
-
-    monkeypatch.setattr("omnisight.pipeline.views.view.read_image", read_once)
-    several = [word for to, yaw, size in options for word in ("--to", to, "--yaw", yaw, "--size", size)]
-    outputs = [word for k in range(3) for word in ("-o", tmp_path / f"several{k}")]
-    status, said, err = run("view", folder, "--camera", camera_file, *several, *outputs)
-    assert status == 2
-    assert err.startswith("omnisight: 1 of 6 images were skipped")
-    assert sorted(read) == ["2.png", "3.png", "4.png", "5.png", "6.png"]
-    for k in range(3):
-        names = file_names(tmp_path / f"single{k}")
-        assert len(names) == 5
-        assert file_names(tmp_path / f"several{k}") == names
-        for name in names:
-            assert (tmp_path / f"several{k}" / name).read_bytes() == (tmp_path / f"single{k}" / name).read_bytes()
-        assert f"written   {tmp_path / f'several{k}'}" in said
-
-
-@pytest.mark.parametrize("several", [False, True])
-def test_two_views_are_not_written_to_one_file(refuses, photo, shots, camera_file, tmp_path, several):
-    images, output = (shots, tmp_path / "out") if several else (photo, tmp_path / "view.png")
-    message = refuses("view", images, "--camera", camera_file, "--yaw", 0, "--yaw", 40, "-o", output, "-o", output)
-    assert "two views have the same file" in message
-    assert not output.exists()
 
 
 def test_images_with_the_same_name_do_not_overwrite_each_other(run, shots, camera_file, tmp_path):

@@ -86,7 +86,7 @@ class Odometry:
         masks: Sequence[Mask] | None = None,
         imu: ImuSamples | None = None,
     ) -> None:
-        """Prepare for images, with masks (H, W) of their usable pixels; a gyroscope of any orientation predicts turns."""
+        """Prepare for images, with masks (H, W) of usable pixels; a gyroscope of any orientation predicts turns."""
         self.rig = central_rig(camera)
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
