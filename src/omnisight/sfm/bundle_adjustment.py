@@ -272,7 +272,11 @@ class _RefinedPoints:
         return self.bundle.linearize(state)
 
     def move(self, state: Structure, step: Array) -> Structure:
-        return self.bundle.with_refined_points(self.bundle.move(state, step))
+        """Return the structure moved by a step; points that it moves through infinity, behind their rays, stay."""
+        moved = self.bundle.move(state, step)
+        behind = self.bundle.rays.point[np.isinf(self.bundle.squared_residuals(moved))]
+        moved.points[behind] = state.points[behind]
+        return self.bundle.with_refined_points(moved)
 
 
 def adjust_bundle(
