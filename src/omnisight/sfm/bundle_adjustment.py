@@ -196,14 +196,16 @@ class Bundle:
     def _prior(self, state: Structure) -> Prior:
         """Return the prior of the free values, and the measurements."""
         count, values, precision = self.parameters[2], len(state.values), self._precision
-        of_values = coo_array((precision, (np.arange(values), np.arange(count - values, count))), shape=(values, count))
+        of_values = csr_array((precision, np.arange(count - values, count), np.arange(values + 1)), (values, count))
         if self.measured is None:
-            return Prior(precision * state.values, of_values.tocsr())
+            return Prior(precision * state.values, of_values)
         residuals, frames, derivatives = self.measured.linearize(state.rig_from_world)
         columns = self.parameters[0][frames]
-        rows = np.broadcast_to(np.arange(len(residuals))[:, None, None], columns.shape)
         free = columns >= 0
-        measured = coo_array((derivatives[free], (rows[free], columns[free])), shape=(len(residuals), count))
+        starts = np.concatenate([[0], np.cumsum(free.sum(axis=(1, 2)))])
+        measured = csr_array((derivatives[free], columns[free], starts), (len(residuals), count))
+        if not values:
+            return Prior(residuals, measured)
         return Prior(np.append(precision * state.values, residuals), csr_array(vstack([of_values, measured])))
 
     def covariances(self, state: Structure) -> tuple[BlockMatrix, Array]:

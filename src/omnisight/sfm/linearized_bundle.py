@@ -23,6 +23,8 @@ POINTS_PER_TASK, MAX_MATRICES = 2048, 8
 # Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
 # means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
+# Share of derivatives that are not zero beyond which the product of dense matrices is faster.
+MIN_DENSE_SHARE = 0.1
 # Leverage beyond which the residuals of a point are those of unfinished iterations.
 MAX_LEVERAGE = 0.999
 # Least damping of the preconditioner: with points divided between few cameras it can be singular.
@@ -34,6 +36,14 @@ class Prior(NamedTuple):
 
     residuals: Array
     derivatives: csr_array
+
+    @property
+    def information(self) -> coo_array:
+        """The information (C, C) of the cameras."""
+        if self.derivatives.nnz < MIN_DENSE_SHARE * np.prod(self.derivatives.shape):
+            return (self.derivatives.T @ self.derivatives).tocoo()
+        dense = self.derivatives.toarray()
+        return coo_array(dense.T @ dense)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,12 +227,11 @@ class LinearizedBundle:
         for part in others:
             for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
-        residuals, derivatives = self.prior
-        of_prior = (derivatives.T @ derivatives).tocoo()
+        of_prior = self.prior.information
         lower = of_prior.row >= of_prior.col
         matrix.values[cameras.pattern.addresses(of_prior.row[lower], of_prior.col[lower])] += of_prior.data[lower]
         diagonal += of_prior.diagonal()
-        right += derivatives.T @ residuals
+        right += self.prior.derivatives.T @ self.prior.residuals
         return ReducedSystem(matrix, right, diagonal)
 
     def gradients(self) -> csr_array:

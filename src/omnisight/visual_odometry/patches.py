@@ -95,7 +95,9 @@ class Patches:
         return len(self.number)
 
     def __getitem__(self, use: Mask | Indices) -> "Patches":
-        """Return some of the patches, in the same order."""
+        """Return some of the patches, in the same order; without a copy if a mask selects all."""
+        if use.dtype == np.bool_ and use.all():
+            return self
         return replace(self, **{field.name: getattr(self, field.name)[use] for field in fields(self)})
 
     def joined(self, others: "Patches") -> "Patches":

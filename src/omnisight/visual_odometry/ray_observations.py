@@ -45,6 +45,8 @@ class FrameRays:
 
     def joined(self, others: "FrameRays") -> "FrameRays":
         """Return these rays and others with larger numbers."""
+        if not len(others):
+            return self
         return FrameRays(*(np.concatenate([getattr(self, f.name), getattr(others, f.name)]) for f in fields(self)))
 
     def from_one_point(self) -> "FrameRays":

@@ -83,18 +83,20 @@ class Tracker:
         copies = {name: getattr(p, name).copy() for name in MEASURED}
         found = replace(p, **copies, is_seen=np.zeros(len(p), np.bool_))
         for sensor in range(len(self.rig)):
-            rows = np.flatnonzero(p.sensor == sensor)
-            if len(rows):
-                aligned = self._align(sensor, p[rows], predicted)
+            mine = p.sensor == sensor
+            if mine.any():
+                aligned = self._align(sensor, p[mine], predicted)
                 for name in (*MEASURED, "is_seen"):
-                    getattr(found, name)[rows] = getattr(aligned, name)
+                    getattr(found, name)[mine] = getattr(aligned, name)
         self.patches = found[found.is_seen | found.has_point]
         return self.rays(predicted)
 
     def rays(self, rig_from_world: Pose) -> FrameRays:
         """Return the rays of the patches that the last images show."""
-        seen = self.patches[self.patches.is_seen]
-        parts = [self._rays_of(sensor, seen[seen.sensor == sensor], rig_from_world) for sensor in range(len(self.rig))]
+        parts = list[FrameRays]()
+        for sensor in range(len(self.rig)):
+            seen = self.patches[self.patches.is_seen & (self.patches.sensor == sensor)]
+            parts.append(self._rays_of(sensor, seen, rig_from_world))
         rays = reduce(FrameRays.joined, parts, FrameRays.none())
         return rays[np.argsort(rays.number)]
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class Keyframe:
     images: tuple[NDArray[np.uint8], ...] = ()
     others: FrameRays = field(default_factory=FrameRays.none)
 
-    @property
+    @cached_property
     def all_rays(self) -> FrameRays:
         """The rays of all cameras."""
         return self.rays.joined(self.others)
