@@ -37,13 +37,17 @@ class Prior(NamedTuple):
     residuals: Array
     derivatives: csr_array
 
-    @property
-    def information(self) -> coo_array:
-        """The information (C, C) of the cameras."""
-        if self.derivatives.nnz < MIN_DENSE_SHARE * np.prod(self.derivatives.shape):
-            return (self.derivatives.T @ self.derivatives).tocoo()
-        dense = self.derivatives.toarray()
-        return coo_array(dense.T @ dense)
+    def information(self) -> tuple[Indices, Indices, Array]:
+        """Return the rows, columns and values of the lower triangle of the information (C, C) of the cameras."""
+        rows, columns = len(self.residuals), self.derivatives.indices
+        if len(columns) < MIN_DENSE_SHARE * rows * (int(columns.max(initial=-1)) + 1):
+            product = (self.derivatives.T @ self.derivatives).tocoo()
+        else:
+            dense = self.derivatives.toarray()
+            product = coo_array(dense.T @ dense)
+        lower = product.row >= product.col
+        row, column = (index[lower].astype(np.intp) for index in (product.row, product.col))
+        return row, column, np.asarray(product.data[lower], float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,10 +231,9 @@ class LinearizedBundle:
         for part in others:
             for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
-        of_prior = self.prior.information
-        lower = of_prior.row >= of_prior.col
-        matrix.values[cameras.pattern.addresses(of_prior.row[lower], of_prior.col[lower])] += of_prior.data[lower]
-        diagonal += of_prior.diagonal()
+        row, column, values = self.prior.information()
+        matrix.values[cameras.pattern.addresses(row, column)] += values
+        diagonal[row[row == column]] += values[row == column]
         right += self.prior.derivatives.T @ self.prior.residuals
         return ReducedSystem(matrix, right, diagonal)
 
