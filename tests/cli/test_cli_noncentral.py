@@ -194,6 +194,11 @@ def test_an_unsuitable_start_is_rejected(run, shots, tmp_path, camera, options, 
     assert message in err
 
 
+def test_the_camera_does_not_replace_the_start(refuses, shots, tmp_path):
+    design = om.save(MIRROR, tmp_path / "start.json").path
+    assert "is one of the inputs" in refuses("calibrate", shots, "--start", design, "-o", design)
+
+
 def test_a_start_is_refined(run, shots, camera_file, tmp_path):
     central = om.load(camera_file)
     om.save(om.RayCamera(Axial(central.model, (0.0,)), central.size), tmp_path / "start.json")

@@ -51,7 +51,7 @@ def calibrate(
         output = default_output("camera.json")
     files = check_calibration_outputs(output, report, "camera")
     paths = source_paths(images)
-    refuse_overwrite(files, [*paths, *([options.target] if options.target else [])])
+    refuse_overwrite(files, [*paths, *(file for file in (options.target, options.start) if file is not None)])
     if output is not None:
         check_camera_suffix(output)
     if draw is not None:
