@@ -93,6 +93,9 @@ def test_invalid_input_is_rejected_in_one_line(refuses, drawn):
     assert "mask.png: is 5 x 5 px, and must have the size of the image or view that it masks, 1280 x 1024" in refuses(
         "calibrate-lines", blank, "--mask", drawn / "mask.png"
     )
+    assert "specify one of them" in refuses(
+        "calibrate-lines", blank, "--mask", drawn / "mask.png", "--lines", lines, "-o", drawn / "c.json"
+    )
     write_image(drawn / "small.png", np.zeros((50, 50), np.uint8))
     assert "images of one camera have one size" in refuses(
         "calibrate-lines", blank, drawn / "small.png", "--lines", lines

@@ -37,6 +37,11 @@ class CalibrateLinesOptions(LineEstimationOptions):
     lines: Path | None = None
     apply_exif: bool = False
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.mask is not None and self.lines is not None:
+            raise ValueError("--mask is for the detection of edges, which --lines replaces: specify one of them")
+
 
 def calibrate_lines(
     source: Source, options: CalibrateLinesOptions = CalibrateLinesOptions(), *, progress: Progress = no_progress
