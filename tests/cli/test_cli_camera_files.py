@@ -36,6 +36,11 @@ def test_inspect_describes_every_model(run, tmp_path, model):
     assert (tmp_path / "curve.svg").read_text().startswith("<svg")
 
 
+def test_the_drawing_of_inspect_replaces_no_input(refuses, camera_file, tmp_path):
+    assert "is one of the inputs" in refuses("inspect", camera_file, "--svg", camera_file)
+    assert "there is no folder" in refuses("inspect", camera_file, "--svg", tmp_path / "none" / "curve.svg")
+
+
 def test_inspect_json_is_the_camera(run, camera_file):
     status, out, _ = run("inspect", camera_file, "--json")
     assert status == 0

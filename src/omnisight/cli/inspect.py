@@ -47,6 +47,11 @@ def inspect(
     """
     from omnisight.pipeline.conversion.inspect import inspect as inspect_file
 
+    if svg is not None:
+        from omnisight.cli._files import must_be_writable, refuse_inputs
+
+        must_be_writable(svg)
+        refuse_inputs(svg, camera, *images)
     if images:
         _check_images(camera, images)
         return
