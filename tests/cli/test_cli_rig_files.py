@@ -85,6 +85,14 @@ def test_inspect_checks_the_extrinsics_by_images(run, data, tmp_path):
     assert run("inspect", wrong, "--images", images[0])[0] == 2
 
 
+def test_inspect_refuses_options_that_do_not_apply(refuses, tmp_path):
+    rig = save(back_to_back(), tmp_path / "rig.json").path
+    assert "rig.json holds front, back: specify one" in refuses("inspect", rig, "--svg", tmp_path / "curve.svg")
+    for option in (("--name", "front"), ("--svg", tmp_path / "curve.svg")):
+        images = "--images", tmp_path / "a.png", "--images", tmp_path / "b.png"
+        assert "leave out --name and --svg" in refuses("inspect", rig, *option, *images)
+
+
 def test_inspect_prints_why_the_poses_were_not_read(run, tmp_path):
     rig = surround_car().subset([0, 1])
     chain = save(rig, tmp_path / "k.yaml", format="kalibr").path

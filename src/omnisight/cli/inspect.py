@@ -40,7 +40,7 @@ def inspect(
     name
         The camera to print if the file holds several; by default all of them.
     svg
-        Draw r(theta) into this file.
+        Draw r(theta) of one camera into this file.
     images
         Of a rig: a simultaneous image of each camera, in the order of the cameras. Their matches show whether the
         extrinsics are inverted.
@@ -53,9 +53,14 @@ def inspect(
         must_be_writable(svg)
         refuse_inputs(svg, camera, *images)
     if images:
+        if name is not None or svg is not None:
+            raise ValueError("--images checks the extrinsics of a whole rig: leave out --name and --svg")
         _check_images(camera, images)
         return
     descriptions = inspect_file(camera, name=name)
+    if svg is not None and len(descriptions) > 1:
+        names = ", ".join(descriptions)
+        raise ValueError(f"--svg draws one camera, and {camera} holds {names}: specify one of them by --name")
     if is_json():
         from omnisight.formats.native import to_json
 
