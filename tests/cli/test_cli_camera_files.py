@@ -41,6 +41,13 @@ def test_the_drawing_of_inspect_replaces_no_input(refuses, camera_file, tmp_path
     assert "there is no folder" in refuses("inspect", camera_file, "--svg", tmp_path / "none" / "curve.svg")
 
 
+def test_inspect_reports_no_image_centre_without_an_image_size(run, tmp_path):
+    status, out, err = run("inspect", save(Camera(TRUTH.model, (0, 0)), tmp_path / "c.json").path)
+    assert (status, err) == (0, "")
+    assert "size        not in the file" in out
+    assert "centre      (322.30, 236.80)\n" in out
+
+
 def test_inspect_json_is_the_camera(run, camera_file):
     status, out, _ = run("inspect", camera_file, "--json")
     assert status == 0

@@ -175,8 +175,8 @@ def _print_projection(description: "CameraDescription") -> None:
         print(f"field       {angles[0]} horizontal, {angles[1]} vertical, {angles[2]} diagonal")
     print(f"focal       {profile.focal:.2f} px per radian on the axis")
     (u, v), (width, height) = profile.centre, camera.size
-    offset = f"{u - (width - 1) / 2:+.1f}, {v - (height - 1) / 2:+.1f} px from the image centre"
-    print(f"centre      ({u:.2f}, {v:.2f}), {offset}")
+    offset = f", {u - (width - 1) / 2:+.1f}, {v - (height - 1) / 2:+.1f} px from the image centre" if width else ""
+    print(f"centre      ({u:.2f}, {v:.2f}){offset}")
     limit = math.degrees(_lens_theta_max(camera))
     print(f"valid       to {limit:.1f} degrees from the axis" + ("" if limit >= 179.9 else ", where the model ends"))
     if camera.theta_max is not None:
