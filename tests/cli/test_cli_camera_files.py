@@ -48,6 +48,18 @@ def test_inspect_reports_no_image_centre_without_an_image_size(run, tmp_path):
     assert "centre      (322.30, 236.80)\n" in out
 
 
+def test_the_blind_spot_of_a_mirror_is_drawn_as_extrapolated(run, tmp_path):
+    camera = Camera(TRUTH.model, SIZE, theta_min=np.radians(30), theta_max=np.radians(70))
+    status, out, err = run("inspect", save(camera, tmp_path / "c.json").path)
+    assert (status, err) == (0, "")
+    assert "calibrated  from 30.0 to 70.0 degrees" in out
+    rows = [line.split("|")[1] for line in out.splitlines() if " |" in line]
+    drawn = "".join(next((c for c in column if c in "*."), " ") for column in zip(*rows, strict=True))
+    end = float(out.splitlines()[-1].split()[-1])
+    columns = np.array([30, 70]) / end * len(drawn)
+    assert [drawn.index("*"), drawn.rindex("*")] == pytest.approx(columns, abs=1)
+
+
 def test_inspect_json_is_the_camera(run, camera_file):
     status, out, _ = run("inspect", camera_file, "--json")
     assert status == 0

@@ -13,7 +13,7 @@ from omnisight.quality.uncertainty import UncertaintyMap
 def plot_profile(camera: CameraSource) -> Any:
     """Plot the distance from the principal point (px) over the angle from the axis (degrees).
 
-    The part beyond the calibrated field of view is dashed. The equidistant lens of the same focal length is gray.
+    The part outside the calibrated field of view is dashed. The equidistant lens of the same focal length is gray.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def plot_profile(camera: CameraSource) -> Any:
     profile = radial_profile(central)
     figure, axes = new_axes()
     known = profile.calibrated_deg is not None
-    calibrated = profile.theta_deg <= (180.0 if profile.calibrated_deg is None else profile.calibrated_deg)
+    calibrated = profile.is_calibrated(profile.theta_deg)
     axes.plot(profile.theta_deg, profile.focal * np.radians(profile.theta_deg), color="0.6", label="equidistant")
     if known:
         axes.plot(profile.theta_deg, profile.radius, "--", color="C0", label="extrapolated")

@@ -37,14 +37,19 @@ class RadialProfile(Displayed):
     centre
         Pixel of the axis.
     calibrated_deg
-        The largest calibrated angle from the axis, or None.
+        The least and the largest calibrated angle from the axis, or None if they are unknown.
     """
 
     theta_deg: Array
     radius: Array
     focal: float
     centre: tuple[float, float]
-    calibrated_deg: float | None
+    calibrated_deg: tuple[float, float] | None
+
+    def is_calibrated(self, theta_deg: Array) -> NDArray[np.bool_]:
+        """Return which angles from the axis (degrees) are calibrated; all if that is unknown."""
+        least, largest = (0.0, np.inf) if self.calibrated_deg is None else self.calibrated_deg
+        return (theta_deg >= least) & (theta_deg <= largest)
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,8 @@ def radial_profile(camera: Camera) -> RadialProfile:
     in_any_azimuth = np.isfinite(distance).any(1)
     count = int(np.argmin(np.append(in_any_azimuth, False)))
     radius = np.nanmean(distance[:count], axis=1) if count else np.zeros(0)
-    calibrated = None if camera.theta_max is None else float(np.degrees(camera.theta_max))
+    cone = None if camera.theta_max is None else (camera.theta_min, camera.theta_max)
+    calibrated = None if cone is None else (float(np.degrees(cone[0])), float(np.degrees(cone[1])))
     return RadialProfile(
         np.degrees(theta[:count]), radius, camera.focal, (float(centre[0]), float(centre[1])), calibrated
     )

@@ -20,7 +20,7 @@ def profile_text(profile: RadialProfile) -> str:
     grid = np.full((TEXT_ROWS, TEXT_COLUMNS), " ")
     theta = (np.arange(TEXT_COLUMNS) + 0.5) / TEXT_COLUMNS * x_max
     radius, equidistant = np.interp(theta, profile.theta_deg, profile.radius), profile.focal * np.radians(theta)
-    calibrated = theta <= _calibrated_deg(profile)
+    calibrated = profile.is_calibrated(theta)
     for column in range(TEXT_COLUMNS):
         if equidistant[column] < y_max:
             grid[_text_row(equidistant[column] / y_max), column] = "-"
@@ -35,7 +35,7 @@ def profile_svg(profile: RadialProfile) -> str:
     """Draw the profile with an equidistant lens of the same focal length; the extrapolated part is dashed."""
     x_max, y_max = float(profile.theta_deg[-1]), float(profile.radius.max())
     axes = Axes((0.0, x_max), (0.0, y_max), "angle off-axis, degrees", "radius, px", (60.0, 40.0, WIDTH - 40, 340.0))
-    calibrated = np.where(profile.theta_deg <= _calibrated_deg(profile), profile.radius, np.nan)
+    calibrated = np.where(profile.is_calibrated(profile.theta_deg), profile.radius, np.nan)
     entries = [("line calibrated", "calibrated"), ("line extrapolated", "extrapolated"), ("line ideal", "equidistant")]
     if profile.calibrated_deg is None:
         entries[:2] = [("line calibrated", "calibrated range unknown")]
@@ -51,11 +51,6 @@ def profile_svg(profile: RadialProfile) -> str:
         height=HEIGHT,
         title="Radial profile r(theta)",
     )
-
-
-def _calibrated_deg(profile: RadialProfile) -> float:
-    """Return the largest calibrated angle, infinite if it is unknown."""
-    return np.inf if profile.calibrated_deg is None else profile.calibrated_deg
 
 
 def _text_row(fraction: float) -> int:
