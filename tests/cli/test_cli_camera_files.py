@@ -60,6 +60,14 @@ def test_the_blind_spot_of_a_mirror_is_drawn_as_extrapolated(run, tmp_path):
     assert [drawn.index("*"), drawn.rindex("*")] == pytest.approx(columns, abs=1)
 
 
+def test_a_camera_whose_axis_is_outside_of_the_image_has_no_drawing(run, tmp_path):
+    camera = Camera(model_class("equidistant")(FOCAL, FOCAL, -50.0, 236.8), SIZE, theta_max=1.4)
+    status, out, err = run("inspect", save(camera, tmp_path / "c.json").path, "--svg", tmp_path / "curve.svg")
+    assert status == 2
+    assert "r(theta): not drawn, the optical axis is outside of the image" in out
+    assert "the optical axis is outside of the image: there is no r(theta) to draw" in err
+
+
 def test_inspect_json_is_the_camera(run, camera_file):
     status, out, _ = run("inspect", camera_file, "--json")
     assert status == 0

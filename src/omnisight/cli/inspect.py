@@ -71,6 +71,8 @@ def inspect(
         profile = next(iter(descriptions.values())).profile
         if profile is None:
             raise ValueError(f"{camera}: a non-central camera without a lens has no r(theta) to draw")
+        if not len(profile.theta_deg):
+            raise ValueError(f"{camera}: the optical axis is outside of the image: there is no r(theta) to draw")
         from omnisight.images import write_bytes
         from omnisight.report.drawings.radial_profile import profile_svg
 

@@ -15,7 +15,7 @@ LEGEND_STEP_PX = 200.0  # longer than the longest entry, "calibrated range unkno
 def profile_text(profile: RadialProfile) -> str:
     """Draw the profile in characters: `*` calibrated or all if that is unknown, `.` extrapolated, `-` equidistant."""
     if not len(profile.theta_deg):
-        return "r(theta): no direction is visible in the image"
+        return "r(theta): not drawn, the optical axis is outside of the image"
     x_max, y_max = profile.theta_deg[-1], profile.radius.max()
     grid = np.full((TEXT_ROWS, TEXT_COLUMNS), " ")
     theta = (np.arange(TEXT_COLUMNS) + 0.5) / TEXT_COLUMNS * x_max
