@@ -123,6 +123,18 @@ def same(detections):
         np.testing.assert_allclose(apart, unit * (whole - whole[:1]), atol=1e-9)
 
 
+def test_checkerboards_of_matlab_are_read_column_by_column(tmp_path):
+    columns = np.arange(54).reshape(BOARD.rows, BOARD.columns).T.ravel()
+    points = np.stack([pixels[columns] + 1 for _, pixels in VIEWS], -1)
+    scipy.io.savemat(tmp_path / "m.mat", {"imagePoints": points, "imageSize": np.array(SIZE[::-1])})
+    detections = read_corners([tmp_path / "m.mat"], board=BOARD, square=STEP)
+    (seen,) = detections.found[0].boards
+    placed = {tuple(np.round(x / STEP).astype(int)): p for x, p in zip(detections.board.points[seen.ids], seen.pixels)}
+    assert len(placed) == 54
+    for (x, y, _), pixel in zip(BOARD.points, VIEWS[0][1], strict=True):
+        np.testing.assert_allclose(placed[round(x), round(y), 0], pixel, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", corner_format_names())
 def test_format_reads_corners_of_its_tool(name, tmp_path):
     files, options = WRITERS[name](tmp_path)
