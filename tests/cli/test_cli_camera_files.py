@@ -106,6 +106,11 @@ def test_convert_prints_error(run, camera_file, tmp_path):
     assert converted.provenance["converted_from"] == "equidistant"
 
 
+def test_convert_replaces_no_input(refuses, camera_file):
+    options = "--to", "native", "--model", "kannala_brandt", "-o", camera_file
+    assert "is one of the inputs" in refuses("convert", camera_file, *options)
+
+
 def test_convert_above_max_error_writes_nothing(run, refuses, camera_file, tmp_path):
     out = tmp_path / "c.json"
     arguments = ("convert", camera_file, "--to", "native", "--model", "division", "-o", out)

@@ -63,6 +63,11 @@ def test_a_format_without_rigs_names_those_that_have_them(run, tmp_path):
     assert run("convert", source, "--to", "opencv", "--name", "left", "-o", tmp_path / "left.yml")[0] in (0, 2)
 
 
+def test_convert_replaces_no_rig(refuses, tmp_path):
+    rig = save(back_to_back(), tmp_path / "rig.json").path
+    assert "is one of the inputs" in refuses("convert", rig, "--to", "native", "-o", rig)
+
+
 def test_inspect_prints_poses_and_overlap(run, tmp_path):
     source = save(surround_car(), tmp_path / "rig.json").path
     status, out, err = run("inspect", source)

@@ -9,6 +9,7 @@ from omnisight.conversion import Conversion, convert_model, flip_frame, max_conv
 from omnisight.display import Displayed, rounded
 from omnisight.extensions import unknown_name
 from omnisight.formats import Format, SaveResult, get_format, save
+from omnisight.images.output_paths import refuse_overwrite
 from omnisight.models import model_names
 from omnisight.pipeline.conversion.convert_options import ConvertOptions
 from omnisight.pipeline.inputs.central_camera import central_camera
@@ -83,12 +84,13 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
         If the format or the model is unknown, the file cannot be read or written, or the model cannot be fitted.
     """
     path, target = Path(path), target_format(options)
+    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    refuse_overwrite([output], [path])
     if options.invert_extrinsics:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
     camera, conversion = convert_camera(source, target, options)
     camera = _flipped(camera, path) if options.flip else camera
-    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
     return ConvertResult(source, camera, conversion, written, target.CONVENTION)

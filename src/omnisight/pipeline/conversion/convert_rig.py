@@ -10,6 +10,7 @@ from omnisight.camera import Camera
 from omnisight.conversion import Conversion
 from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
+from omnisight.images.output_paths import refuse_overwrite
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.conversion.convert import ConversionError, convert_camera, target_format
 from omnisight.pipeline.conversion.convert_options import ConvertOptions
@@ -64,6 +65,8 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
     path, target = paths[0], target_format(options)
+    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    refuse_overwrite([output], paths)
     if options.flip:
         raise ValueError(f"{path}: --flip is for one camera, and a rig is converted: specify --name")
     if options.format not in rig_format_names():
@@ -91,7 +94,6 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
         cameras.append(camera)
         conversions.append(conversion)
     converted = dataclasses.replace(source, cameras=tuple(cameras))
-    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
     max_error = math.inf if options.force else options.max_error_px
     written = save(converted, output, format=options.format, max_error=max_error)
     return ConvertRigResult(source, converted, tuple(conversions), written, target.CONVENTION)
