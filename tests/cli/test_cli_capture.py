@@ -161,6 +161,15 @@ def test_wrong_input_is_refused(refuses, run, scene, tmp_path):
     assert "no image was stored: 0 of" in err
 
 
+def test_images_of_another_size_are_not_continued(refuses, scene, tmp_path):
+    (tmp_path / "images").mkdir()
+    frame = rendered_clip()[0][0]
+    om.write_image(tmp_path / "images" / "capture-001.png", np.ascontiguousarray(frame[:, :-80]))
+    message = refuses(*arguments(scene)[:-1], tmp_path / "images")
+    assert f"clip.avi: {frame.shape[1]}x{frame.shape[0]} px, and the images so far are {frame.shape[1] - 80}x" in message
+    assert [file.name for file in (tmp_path / "images").iterdir()] == ["capture-001.png"]
+
+
 def test_an_interruption_keeps_the_images(scene, tmp_path):
     def interrupt(session, seen):
         if len(session.detections.images) == 2:

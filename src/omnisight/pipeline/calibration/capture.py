@@ -13,7 +13,7 @@ from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.calibration.capture_options import CaptureOptions
 from omnisight.pipeline.calibration.capture_session import CaptureSession, JudgedCandidate
 from omnisight.pipeline.calibration.capture_source import CaptureSource
-from omnisight.targets.clip_detection import best_of_intervals
+from omnisight.targets.clip_detection import CandidateFrame, best_of_intervals
 
 # Stored images: capture-001.png, ...
 NAME = "capture-{:03d}.png"
@@ -84,7 +84,7 @@ def capture(
     board = options.board
     if board is None:
         raise ValueError("capture needs the board: specify its file (--target board.json) or its corners (--pattern)")
-    candidates = CaptureSource.open(str(source), apply_exif=options.apply_exif).candidates
+    frames = CaptureSource.open(str(source), apply_exif=options.apply_exif)
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
     session = CaptureSession(board)
@@ -93,7 +93,8 @@ def capture(
     reason = "end"
     with until_interrupted():
         reason = "interrupted"
-        for candidate in candidates:
+        for candidate in frames.candidates:
+            _check_size(session, candidate, frames.label)
             judged = session.judge(candidate)
             searched, found = searched + 1, found + (judged.detection is not None)
             if not judged.advice:
@@ -121,11 +122,22 @@ def _continue(session: CaptureSession, folder: Path) -> list[Path]:
     files = sorted(file for file in folder.iterdir() if NAME_PATTERN.fullmatch(file.name))
     for file in files:
         candidate = next(best_of_intervals([CameraFrame(0, 0.0, read_image(file))], 1))
+        _check_size(session, candidate, str(file))
         judged = session.judge(candidate)
         if judged.detection is not None:
             session.add(judged, file)
     session.estimate()
     return files
+
+
+def _check_size(session: CaptureSession, candidate: CandidateFrame, label: str) -> None:
+    """Raise `ValueError` if a frame has another size than the images so far."""
+    size, used = candidate.gray.shape[::-1], session.detections.size
+    if session.detections.images and size != used:
+        raise ValueError(
+            f"{label}: {size[0]}x{size[1]} px, and the images so far are {used[0]}x{used[1]} px: a calibration needs"
+            " images of one size; name another folder (--output)"
+        )
 
 
 def _number(images: list[Path]) -> int:
