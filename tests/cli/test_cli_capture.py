@@ -180,3 +180,15 @@ def test_an_interruption_keeps_the_images(scene, tmp_path):
     assert result.reason == "interrupted"
     assert [file.name for file in result.images] == ["capture-001.png", "capture-002.png"]
     assert all(file.is_file() for file in result.images)
+
+
+def test_an_interrupted_image_is_not_reported(scene, tmp_path, monkeypatch):
+    def write(file, image):
+        if file.name == "capture-002.png":
+            raise KeyboardInterrupt
+        om.write_image(file, image)
+
+    monkeypatch.setattr("omnisight.pipeline.calibration.capture.write_image", write)
+    result = capture(scene / "clip.avi", tmp_path / "images", om.CaptureOptions(target=scene / "board.json"))
+    assert result.reason == "interrupted"
+    assert [file.name for file in result.images] == ["capture-001.png"]

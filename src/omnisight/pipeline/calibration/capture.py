@@ -98,9 +98,10 @@ def capture(
             judged = session.judge(candidate)
             searched, found = searched + 1, found + (judged.detection is not None)
             if not judged.advice:
-                images.append(folder / NAME.format(_number(images) + 1))
-                write_image(images[-1], candidate.frame.image)
-                session.add(judged, images[-1])
+                file = folder / NAME.format(_number(images) + 1)
+                write_image(file, candidate.frame.image)  # Ctrl-C may interrupt it
+                images.append(file)
+                session.add(judged, file)
                 session.estimate()
             show(session, judged)
             if is_complete(session, options):
