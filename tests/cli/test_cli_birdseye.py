@@ -228,6 +228,18 @@ def test_invalid_input(run, folder):
         assert "Traceback" not in out + err
 
 
+def test_files_of_options_are_not_replaced(refuses, folder):
+    (folder / "masks").mkdir()
+    for file in (folder / "car.png", folder / "masks" / "front.png"):
+        om.write_image(file, np.zeros((9, 9), np.uint8))
+    for option, value, output in (
+        ("--vehicle", folder / "car.png", folder / "car.png"),
+        ("--ground-board", folder / "car.png", folder / "car.png"),
+        ("--masks", folder / "masks", folder / "masks" / "front.png"),
+    ):
+        assert "is one of the inputs" in refuses(*arguments(folder), option, value, "-o", output), option
+
+
 def test_a_board_on_the_ground_determines_the_height(run, folder):
     camera, cam_from_ground = car.RIG.cameras[0], car.RIG.sensor_from_rig[0]
     # The board's x is right, its y backward, its z down.

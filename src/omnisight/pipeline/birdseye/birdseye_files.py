@@ -85,7 +85,7 @@ def write_birdseye(
     start = time.perf_counter()
     body = load_body(rig)
     ordered = match_cameras(sources, body.names)
-    _check_output(ordered, output, save_rig, video, [rig, *([options.ground] if options.ground else [])])
+    _check_output(ordered, output, save_rig, video, [rig, *_option_files(options)])
     total, count = frame_count(ordered), 0
     result: BirdseyeResult | None = None
     renderer: BirdseyeRenderer | None = None
@@ -112,6 +112,13 @@ def write_birdseye(
         save(replace(result.rig, provenance={**result.rig.provenance, "frame": "ground"}), save_rig)
         files.append(save_rig)
     return BirdseyeFiles(result, count, tuple(files), time.perf_counter() - start)
+
+
+def _option_files(options: BirdseyeOptions) -> list[Path]:
+    """Return the files that options name."""
+    files = [options.ground, options.ground_board, options.target, Path(options.vehicle)]
+    masks = options.masks.iterdir() if options.masks is not None and options.masks.is_dir() else ()
+    return [*(file for file in files if file is not None), *masks]
 
 
 def _check_output(
