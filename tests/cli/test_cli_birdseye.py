@@ -261,6 +261,11 @@ def test_a_board_on_the_ground_determines_the_height(run, folder):
     status, _, err = run(*arguments(folder), *given)
     assert status == 2
     assert "--square" in err
+    (folder / "board.json").write_text('{"target": "checkerboard", "columns": 8, "rows": 6}')
+    unknown = ("--ground-board", image, "--target", folder / "board.json", "-o", folder / "top.png")
+    status, _, err = run(*arguments(folder), *unknown)
+    assert status == 2
+    assert "the size of the board is unknown" in err
     om.write_image(folder / "half" / "front.png", om.read_image(image)[::2, ::2])
     resized = ("--ground-board", folder / "half" / "front.png", *given[2:])
     status, _, err = run(*arguments(folder), *resized, "--square", "200mm")

@@ -45,8 +45,8 @@ def rig_on_board(rig: Rig, image: Path, options: DetectOptions) -> GroundCalibra
             f"{image}: no board was detected ({detections.images[0].note or 'none'}); see omnisight detect"
         )
     board = found[0].board or detections.board
-    if board is None or (options.target is None and options.square is None):
-        raise ValueError(f"{image}: the size of the board is unknown: specify --square, or --target")
+    if board is None or board.unit != "m":
+        raise ValueError(f"{image}: the size of the board is unknown: specify --square, or --target with its lengths")
     check_size(detections.size, rig.cameras[rig.index(name)].size, image)
     calibration = rig_on_plane(rig, name, board.points[found[0].ids], found[0].pixels)
     if not calibration:
