@@ -166,7 +166,8 @@ def test_images_of_another_size_are_not_continued(refuses, scene, tmp_path):
     frame = rendered_clip()[0][0]
     om.write_image(tmp_path / "images" / "capture-001.png", np.ascontiguousarray(frame[:, :-80]))
     message = refuses(*arguments(scene)[:-1], tmp_path / "images")
-    assert f"clip.avi: {frame.shape[1]}x{frame.shape[0]} px, and the images so far are {frame.shape[1] - 80}x" in message
+    height, width = frame.shape[:2]
+    assert f"clip.avi: {width}x{height} px, and the images so far are {width - 80}x{height} px" in message
     assert [file.name for file in (tmp_path / "images").iterdir()] == ["capture-001.png"]
 
 

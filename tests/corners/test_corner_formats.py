@@ -129,7 +129,8 @@ def test_checkerboards_of_matlab_are_read_column_by_column(tmp_path):
     scipy.io.savemat(tmp_path / "m.mat", {"imagePoints": points, "imageSize": np.array(SIZE[::-1])})
     detections = read_corners([tmp_path / "m.mat"], board=BOARD, square=STEP)
     (seen,) = detections.found[0].boards
-    placed = {tuple(np.round(x / STEP).astype(int)): p for x, p in zip(detections.board.points[seen.ids], seen.pixels)}
+    steps = np.round(detections.board.points[seen.ids] / STEP).astype(int).tolist()
+    placed = {tuple(step): pixel for step, pixel in zip(steps, seen.pixels, strict=True)}
     assert len(placed) == 54
     for (x, y, _), pixel in zip(BOARD.points, VIEWS[0][1], strict=True):
         np.testing.assert_allclose(placed[round(x), round(y), 0], pixel, atol=1e-9)
