@@ -76,6 +76,12 @@ def test_the_default_paper_is_that_of_the_territory(make, cannot, monkeypatch, l
     assert f"; {paper} offers " in cannot("checkerboard", "9x6", "--square", "30mm")
 
 
+def test_the_scale_of_the_print_is_reported_for_narrow_paper(make):
+    status, out, _ = make("checkerboard", "4x3", "--square", "8mm", "--paper", "60x80mm")
+    assert status == 0
+    assert "\nprint    at 100 %, do not fit to page: this ruler must measure 20 mm. Measure the board" in out
+
+
 @pytest.mark.parametrize("name", ["b.pdf", "b", "b.svg", "b.json", "b.PDF", "b.2"])
 def test_target_make_writes_files_next_to_each_other(make, tmp_path, name):
     (tmp_path / "out").mkdir()

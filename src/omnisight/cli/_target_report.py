@@ -1,5 +1,7 @@
 """Report of `omnisight target`."""
 
+import re
+
 from omnisight.cli._output import elapsed, write_json
 from omnisight.targets.boards import Board
 from omnisight.targets.make_target import TargetFiles, asymmetric_alternative
@@ -9,10 +11,12 @@ from omnisight.targets.printing.paper import millimetres
 def print_report(board: Board, files: TargetFiles) -> None:
     """Print the board, its paper, how to print it, and the files."""
     left, top, right, bottom = board.extent
-    ruler = next(text.content for text in files.page.texts if "measure" in text.content)
+    # The sentence may take several lines of the page.
+    ruler = re.search(r"Print (at 100 %.*? mm\.)", " ".join(text.content for text in files.page.texts))
+    assert ruler is not None
     print(f"board    {board.kind} {board}, {board.size} points, {millimetres(right - left, bottom - top)}")
     print(f"paper    {files.paper}, {millimetres(files.page.width, files.page.height)}")
-    print(f"print    {ruler.removeprefix('Print ')} Measure the board as well, and glue it to something flat")
+    print(f"print    {ruler[1]} Measure the board as well, and glue it to something flat")
     if board.is_symmetric:
         corners = ", and its corners after every quarter turn" if board.columns == board.rows else ""
         print(
