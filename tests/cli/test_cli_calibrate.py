@@ -182,6 +182,11 @@ def test_the_ocamcalib_method_prints_its_steps_and_writes_its_camera(run, shots,
     assert camera.model.name == "ocam"
     assert camera.calibration["method"] == "ocamcalib"
     assert camera.calibration["rms"] == pytest.approx(rms["refined"], abs=6e-4)
+    # The quality is that of omnisight's camera, which is not written.
+    assert f"written   {tmp_path / 'camera.json'}: the camera of ocamcalib, to which accuracy and verdict" in out
+    assert "verdict" not in camera.calibration
+    assert camera.calibration["omnisight"]["model"] == "kannala_brandt"
+    assert camera.calibration["omnisight"]["verdict"] in ("good", "usable", "do not use")
 
 
 def test_the_verdict_and_its_reasons_are_printed_stored_and_in_json(run, shots, tmp_path):

@@ -54,7 +54,7 @@ def print_json(calibration: Calibration) -> None:
         "images": rows,
         "pattern": None if detections is None else str(detections.board),
         "assumption": "" if detections is None else detections.assumption,
-        "model": calibration.camera.model.name,
+        "model": calibration.state.model.name,
         "rms": calibration.rms,
         "mean": calibration.mean,
         "held_out_rms": calibration.held_out_rms,
@@ -87,7 +87,8 @@ def print_report(calibration: Calibration, written: SaveResult | None) -> None:
     if is_verbose():
         _print_details(out, calibration, rows)
     print_verdict(out, calibration.verdict)
-    _print_row(out, "written", str(written.path) if written else "nothing")
+    method = ": the camera of ocamcalib, to which accuracy and verdict do not apply" if calibration.ocamcalib else ""
+    _print_row(out, "written", f"{written.path}{method}" if written else "nothing")
 
 
 def _print_images(out: "Console", rows: list[dict[str, Any]]) -> None:

@@ -312,16 +312,19 @@ def _ray_camera(state: State, observations: Observations, outliers: Bools) -> Ra
 
 
 def with_ocamcalib(calibration: Calibration, progress: Progress) -> Calibration:
-    """Return the calibration with the camera of Scaramuzza's original method, and the errors of both."""
+    """Return the calibration with the camera of Scaramuzza's original method, and the errors of both.
+
+    The verdict is that of omnisight's camera, so it is among its figures.
+    """
     observations, camera = calibration.observations, calibration.camera
     assert isinstance(camera, Camera)
     result = calibrate_ocamcalib(observations, observations.size, progress=progress)
-    shared = ("verdict", "reasons", "images", "corners", "outliers")
+    own = ("rms", "mean", "outliers", "verdict", "reasons")
     figures = {
-        **{name: camera.calibration[name] for name in shared},
+        **{name: camera.calibration[name] for name in ("images", "corners")},
         "method": "ocamcalib",
         **result.errors()["refined"],
-        "omnisight": {"rms": calibration.rms, "mean": calibration.mean},
+        "omnisight": {"model": camera.model.name, **{name: camera.calibration[name] for name in own}},
     }
     camera = replace(camera, model=result.model, covariance=None, calibration=figures)
     return replace(calibration, camera=camera, ocamcalib=result)
