@@ -12,6 +12,8 @@ import pytest
 from omnisight.camera import Camera
 from omnisight.images import write_image
 from omnisight.models import model_class
+from omnisight.pipeline.calibration.calibrate import with_ocamcalib
+from omnisight.progress import no_progress
 from omnisight.quality.evidence import Check, Level
 from omnisight.quality.verdict import Verdict
 from omnisight.report.axes import nice_floor, nice_ticks
@@ -35,6 +37,13 @@ from reporting import (
     with_quality,
     write,
 )
+
+
+def test_the_camera_of_the_report_has_its_own_figures_beside_ocamcalib(central):
+    data = report_data(with_ocamcalib(central.calibration, no_progress))
+    assert data.calibration.camera.calibration["method"] == "ocamcalib"
+    assert data.camera.model == central.calibration.state.model
+    assert data.camera.calibration == central.calibration.figures()
 
 
 def test_embedded_json_contains_the_calibration(report, central):

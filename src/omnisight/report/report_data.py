@@ -115,9 +115,10 @@ class ReportData:
     def camera(self) -> Camera | RayCamera:
         """The calibrated camera; that of omnisight if another method was requested, as the residuals are."""
         camera = self.calibration.camera
-        if isinstance(camera, Camera) and isinstance(self.state.model, CameraModel):
-            return replace(camera, model=self.state.model)
-        return camera
+        if self.calibration.ocamcalib is None or not isinstance(camera, Camera):
+            return camera
+        assert isinstance(self.state.model, CameraModel)
+        return replace(camera, model=self.state.model, calibration=self.calibration.figures())
 
     @property
     def observations(self) -> Observations:
