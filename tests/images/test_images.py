@@ -22,6 +22,7 @@ from omnisight.images import (
     write_image,
 )
 from omnisight.images.collect import folders_with_images
+from omnisight.images.output_paths import image_labels
 from omnisight.images.read import apply_orientation
 
 GRADIENT = np.arange(60, dtype=np.uint8).reshape(6, 10) * 4
@@ -280,3 +281,9 @@ def test_damaged_exif_tags_are_no_position_or_a_valid_one():
             data[at] = rng.integers(256)
         found = exif_position(bytes(data[: rng.integers(len(data))]))
         assert found is None or (abs(found.latitude) <= 90 and abs(found.longitude) <= 180)
+
+
+def test_labels_of_files_with_equal_names_have_their_folders():
+    assert image_labels([Path("a.png"), Path("left/b.png")]) == ["a.png", "b.png"]
+    assert image_labels([Path("left/a.png"), Path("right/a.png")]) == ["left/a.png", "right/a.png"]
+    assert image_labels([Path("a.png"), Path("left/a.png")]) == ["./a.png", "left/a.png"]

@@ -9,7 +9,8 @@ from omnisight.images.collect import IMAGE_SUFFIXES
 
 def image_labels(paths: Sequence[Path]) -> list[str]:
     """Return a label for each image: its file name, preceded by the folder if needed to make labels unique."""
-    return _first_unique(paths, lambda p: p.name, lambda p: f"{p.parent.name}/{p.name}") or [str(p) for p in paths]
+    labels = _first_unique(paths, lambda p: p.name, lambda p: f"{p.parent.name or '.'}/{p.name}")
+    return labels or [str(p) for p in paths]
 
 
 def output_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
