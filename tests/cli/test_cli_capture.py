@@ -1,6 +1,7 @@
 """omnisight capture, of a rendered clip in place of a camera."""
 
 import json
+import shutil
 import time
 import urllib.error
 import urllib.request
@@ -159,6 +160,14 @@ def test_wrong_input_is_refused(refuses, run, scene, tmp_path):
     status, _, err = run("capture", scene / "clip.avi", "--pattern", "5x4", "-o", "others")
     assert status == 2
     assert "no image was stored: 0 of" in err
+
+
+def test_a_folder_of_clips_is_refused(refuses, scene, tmp_path):
+    (tmp_path / "clips").mkdir()
+    for name in ("a.avi", "b.avi"):
+        shutil.copy(scene / "clip.avi", tmp_path / "clips" / name)
+    message = refuses("capture", tmp_path / "clips", *arguments(scene)[2:])
+    assert "contains clips, such as" in message
 
 
 def test_images_of_another_size_are_not_continued(refuses, scene, tmp_path):

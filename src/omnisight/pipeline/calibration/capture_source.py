@@ -51,8 +51,9 @@ class CaptureSource:
             clip = Clip.open(paths[0], upright=apply_exif)
             interval = max(round(clip.frame_rate * INTERVAL_S), 1)
             return cls(source, best_of_intervals(clip.frames(), interval))
-        images = [path for path in paths if not has_clip_suffix(path)]
-        return cls(source, _of_images(images, apply_exif))
+        if clips := [path for path in paths if has_clip_suffix(path)]:
+            raise ValueError(f"{source}: contains clips, such as {clips[0].name}: specify one, or a folder of images")
+        return cls(source, _of_images(paths, apply_exif))
 
 
 def _of_images(paths: list[Path], apply_exif: bool) -> Iterator[CandidateFrame]:
