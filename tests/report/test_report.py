@@ -46,6 +46,15 @@ def test_the_camera_of_the_report_has_its_own_figures_beside_ocamcalib(central):
     assert data.camera.calibration == central.calibration.figures()
 
 
+def test_the_blind_spot_of_a_mirror_is_hatched(central):
+    camera = replace(central.camera, theta_min=np.radians(20))
+    text = render_page(replace(central, calibration=replace(central.calibration, camera=camera)))
+    edge = re.findall(r'd="([^"]*)" class="calibrated-edge"></path></g>', text)[0].split("Z")
+    boundaries = [np.array(re.findall(r"[-.\d]+", part), float).reshape(-1, 2) for part in edge[:-1]]
+    for boundary, theta in zip(boundaries, (camera.theta_max, camera.theta_min), strict=True):
+        np.testing.assert_allclose(camera.angle_of(boundary), theta, atol=0.01)
+
+
 def test_embedded_json_contains_the_calibration(report, central):
     data = embedded_json(report.read_text("utf-8"))
     calibration = central.calibration

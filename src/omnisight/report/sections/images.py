@@ -175,10 +175,9 @@ def _residual_path(pixels: Any, vectors: Any) -> str:
 def _extrapolated_area(data: ReportData) -> Markup:
     """Define the area of the images outside the calibrated field of view, for use in all images."""
     width, height = data.camera.size
-    azimuth = np.linspace(0, 2 * np.pi, BOUNDARY_POINTS, endpoint=False)
-    theta = np.full(BOUNDARY_POINTS, data.max_theta * (1 - 1e-9))
-    boundary, valid = data.central_limit.model.project_numpy(polar(theta, azimuth))
-    calibrated = path_data(boundary[valid]) + "Z" if valid.any() else ""
+    calibrated = _boundary(data, data.max_theta * (1 - 1e-9))
+    if data.central_limit.theta_min > 0:  # the blind spot of a mirror
+        calibrated += _boundary(data, data.central_limit.theta_min)
     image_area = f"M-0.5 -0.5H{width - 0.5}V{height - 0.5}H-0.5Z"
     # The hatching is in pixels of the image, so it needs a pattern of its own.
     step = width / 60
@@ -194,6 +193,13 @@ def _extrapolated_area(data: ReportData) -> Markup:
     area = element("path", d=image_area + calibrated, fill="url(#hatch-image)", fill_rule="evenodd")
     edge = element("path", d=calibrated, class_="calibrated-edge")
     return definitions(pattern, element("g", area, edge, id="extrapolated-image"))
+
+
+def _boundary(data: ReportData, theta: float) -> str:
+    """Return SVG path data of the pixels at an angle from the axis (radians)."""
+    azimuth = np.linspace(0, 2 * np.pi, BOUNDARY_POINTS, endpoint=False)
+    pixels, valid = data.central_limit.model.project_numpy(polar(np.full(BOUNDARY_POINTS, theta), azimuth))
+    return path_data(pixels[valid]) + "Z" if valid.any() else ""
 
 
 def definitions(*content: Markup) -> Markup:
