@@ -130,6 +130,8 @@ def test_collinear_corners_are_rejected(views):
     row = points[:, 1] == points[0, 1]
     with pytest.raises(ValueError, match=r"a\.png: the board points lie on one line"):
         observe([(points[row], pixels[row])], names=["a.png"])
+    with pytest.raises(ValueError, match=r"a\.png: the board points lie on one line"):
+        observe([(points[:1], pixels[:1])], names=["a.png"])
     on_a_line = pixels[:, :1] * (0.5, 0.5) + 100
     with pytest.raises(ValueError, match=r"a\.png: the pixels lie on one line"):
         observe([(points, on_a_line)], names=["a.png"])

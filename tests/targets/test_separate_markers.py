@@ -1,11 +1,12 @@
 """Corners of separate markers match the rendered truth, without bias and with true covariances."""
 
+import cv2
 import numpy as np
 import pytest
 
 from omnisight.targets.boards.aruco_grid import ArucoGrid
-from omnisight.targets.detectors import detect, measure
-from prints import APRIL, ARUCO_GRID, SIZE, pose, projector, render
+from omnisight.targets.detectors import detect, measure, separate_markers
+from prints import APRIL, ARUCO_GRID, SIZE, pose, projector, render, texture
 
 NARROW = ArucoGrid(6, 4, marker=0.0216, separation=0.0036, dictionary="DICT_4X4_50")
 
@@ -52,6 +53,14 @@ def test_part_of_a_board_has_the_right_ids():
     (found,) = detect(np.ascontiguousarray(image[:, middle:]), ARUCO_GRID)
     assert 16 <= len(found) < ARUCO_GRID.size
     assert np.linalg.norm(found.pixels - (truth - (middle, 0))[found.ids], axis=1).max() < 0.4
+
+
+def test_a_board_of_which_one_column_of_points_is_visible_is_left_out():
+    image = cv2.GaussianBlur(texture(ARUCO_GRID, 2000.0)[0], (0, 0), 1.0)
+    cut = np.ascontiguousarray(image[:, :62])
+    (found,) = separate_markers.detect(cut, ARUCO_GRID)
+    assert np.ptp(ARUCO_GRID.points[found.ids, 0]) == 0
+    assert detect(cut, ARUCO_GRID) == []
 
 
 def test_markers_with_cells_below_two_pixels_are_left_out():

@@ -26,6 +26,7 @@ from omnisight.targets.detectors.checkerboard.board_assignment import assign_to_
 from omnisight.targets.detectors.checkerboard.grid_search import as_grid, find_grids
 from omnisight.targets.detectors.checkerboard.lattice_completion import drop_false_corners
 from omnisight.targets.detectors.checkerboard.measured_lattice import MeasuredLattice
+from omnisight.targets.observation_checks import are_collinear
 from omnisight.targets.observations import Observations
 from omnisight.views import perspective, remap
 
@@ -174,7 +175,8 @@ class _ImageSearch:
             predicted = _PredictedBoard(self.board, self.camera.model, *pose, self.gate)
             measured, stats = _locate_and_measure(gray, predicted, detection)
             total += stats
-            if stats.dropped <= MAX_UNCONFIRMED_SHARE * len(detection):
+            is_confirmed = stats.dropped <= MAX_UNCONFIRMED_SHARE * len(detection)
+            if is_confirmed and not are_collinear(self.board.points[measured.ids], measured.pixels):
                 boards.append(measured)
         result = image.with_boards(boards, self.board)
         if len(boards) < len(image.boards):

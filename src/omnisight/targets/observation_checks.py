@@ -100,6 +100,21 @@ def checked_view(
     return (x if x.shape[1] == 3 else np.concatenate([x, np.zeros((len(x), 1))], 1)), p, c
 
 
+def are_collinear(points: Array, pixels: Array) -> bool:
+    """Return whether board points (N, 2 or 3) or their pixels (N, 2) lie on one line, which determines no pose."""
+    return bool(_on_line(points, pixels))
+
+
+def _on_line(points: Array, pixels: Array) -> str:
+    """Return what lies on one line, "board points" or "pixels"; empty if neither does."""
+    if len(points) < 3:
+        return "board points"
+    along, across = _extents(points)
+    if across < MIN_THICKNESS * along:
+        return "board points"
+    return "pixels" if _extents(pixels)[1] < MIN_PIXEL_THICKNESS_PX else ""
+
+
 def _check_distinct(name: str, points: Array, pixels: Array) -> None:
     """Raise ValueError if a board point or a pixel occurs twice, or the corners lie on one line."""
     extent = float(np.ptp(points, axis=0).max())
@@ -117,9 +132,7 @@ def _check_distinct(name: str, points: Array, pixels: Array) -> None:
             f"{name}: rows {i} and {k} are different board points at the same pixel {pixels[i].tolist()}; leave out"
             " corners that were not observed"
         )
-    along, across = _extents(points)
-    if across < MIN_THICKNESS * along or _extents(pixels)[1] < MIN_PIXEL_THICKNESS_PX:
-        what = "board points" if across < MIN_THICKNESS * along else "pixels"
+    if what := _on_line(points, pixels):
         raise ValueError(f"{name}: the {what} lie on one line, which determines no pose; leave the image out")
 
 

@@ -19,7 +19,7 @@ from omnisight.targets.detectors.checkerboard.grid_search import find_grids
 from omnisight.targets.drawn_corners import has_drawn_corners
 
 # Part of the keys of cached detections: increase it whenever detections change.
-DETECTOR_VERSION = 7
+DETECTOR_VERSION = 8
 
 
 @dataclass(frozen=True, eq=False)

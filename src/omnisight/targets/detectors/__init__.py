@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from omnisight.extensions import module_in
 from omnisight.targets.boards import Board
 from omnisight.targets.detections import Detection
+from omnisight.targets.observation_checks import are_collinear
 from omnisight.targets.subpixel.point_fits import PointFits
 
 
 def detect(gray: NDArray[np.uint8], board: Board) -> list[Detection]:
     """Detect all boards of this kind in a gray image (H, W) of uint8, the one with most points first.
+
+    A board of which only points on one line are visible, which determine no pose, is left out.
 
     Raises
     ------
@@ -24,7 +27,8 @@ def detect(gray: NDArray[np.uint8], board: Board) -> list[Detection]:
     """
     if gray.ndim != 2 or gray.dtype != np.uint8:
         raise ValueError(f"expected a gray image (H, W) of uint8, got shape {gray.shape} of {gray.dtype}")
-    return _detector(board).detect(gray, board)
+    detections: list[Detection] = _detector(board).detect(gray, board)
+    return [each for each in detections if not are_collinear(board.points[each.ids], each.pixels)]
 
 
 def measure(
