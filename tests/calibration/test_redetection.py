@@ -1,5 +1,7 @@
 """The re-detection pass: corners predicted by a first camera are added, measured again, or dropped."""
 
+import os
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from calibrating import calibrate
 from lenses import bearing_error
+from omnisight.calibration import redetection
 from omnisight.calibration.initial_camera import estimate_initial_camera
 from omnisight.calibration.redetection import FAR_DEG, RedetectionStats, redetect
 from omnisight.images import read_image, write_image
@@ -72,6 +75,20 @@ def errors(detections, truth):
 
 def rms(error):
     return float(np.sqrt((error**2).sum(axis=1).mean()))
+
+
+@pytest.mark.parametrize("processors", [1, 8])
+def test_the_number_of_processors_does_not_change_which_images_are_searched(detections, monkeypatch, processors):
+    def search(*_):
+        calls.append(1)
+        time.sleep(0.05)
+
+    calls = []
+    monkeypatch.setattr(redetection, "_detect_in_views", search)
+    monkeypatch.setattr(os, "cpu_count", lambda: processors)
+    others = [replace(image, boards=()) for image in detections.images]
+    run_redetection(replace(detections, images=[*detections.images[:3], *others, *others, *others]))
+    assert len(calls) == redetection.MAX_FAILURES
 
 
 def test_complete_detections_are_measured_more_precisely(detections, scenes):

@@ -1,10 +1,9 @@
 """Re-detection: measure corners again where a first camera predicts them, and search for missed ones there."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ MIN_GATE_PX, KNOWN_FACTOR = 1.0, 3.0
 # Perspective views in which missed boards are searched: (off-axis angle in degrees, number of views around the axis).
 VIEW_DIRECTIONS = ((0, 1), (50, 6), (90, 8), (120, 8))
 VIEW_FOV_DEG, VIEW_SIZE_PX = 90.0, 800
-# Consecutive images without success in these views after which the remaining ones are skipped.
+# Images searched in these views at a time; after as many without success the remaining ones are skipped.
 MAX_FAILURES = 6
 # Share of unconfirmed corners above which a board is rejected.
 MAX_UNCONFIRMED_SHARE = 0.5
@@ -136,31 +135,43 @@ def redetect(
     detections = observations.detections
     if detections is None or not isinstance(detections.board, Board):
         return observations, RedetectionStats()
-    report = partial(progress, "re-detect")
     search = _ImageSearch(detections, initial, ResidualWeights.estimate(initial, observations).threshold, apply_exif)
-    images, total = list[ImageDetection](), RedetectionStats()
+    images, total, done = list(detections.images), RedetectionStats(), 0
     with ThreadPoolExecutor(max_workers=min(8, os.cpu_count() or 1)) as pool:
-        for image, stats in pool.map(search, range(len(detections.images))):
-            images.append(image)
-            total += stats
-            report(len(images), len(detections.images))
+        for batch in _batches(images):
+            boards = 0
+            for index, (image, stats) in zip(batch, pool.map(search, batch), strict=True):
+                images[index] = image
+                total += stats
+                boards += stats.boards
+                done += 1
+                progress("re-detect", done, len(images))
+            if not detections.images[batch[0]].boards and not boards:
+                break
+    if done < len(images):
+        progress("re-detect", len(images), len(images))
     return Observations.from_detections(replace(detections, images=images), observations.image_names), total
 
 
+def _batches(images: Sequence[ImageDetection]) -> Iterator[list[int]]:
+    """Yield the indices of the images with a board, then those of the others, a few at a time."""
+    if found := [i for i, image in enumerate(images) if image.boards]:
+        yield found
+    others = [i for i, image in enumerate(images) if image.size is not None and not image.boards]
+    yield from (others[start : start + MAX_FAILURES] for start in range(0, len(others), MAX_FAILURES))
+
+
 class _ImageSearch:
-    """Re-detection in one image after the other; counts the images in which perspective views did not help."""
+    """Re-detection in one image."""
 
     def __init__(self, detections: Detections, initial: State, gate: float, apply_exif: bool) -> None:
         assert isinstance(detections.board, Board)
         self.detections, self.initial, self.gate, self.apply_exif = detections, initial, gate, apply_exif
         self.board, self.camera = detections.board, Camera(initial.central_model, detections.size)
         self.first_view = np.concatenate([[0], np.cumsum([len(image.boards) for image in detections.images])])
-        self.failures = 0
 
     def __call__(self, index: int) -> tuple[ImageDetection, RedetectionStats]:
         image = self.detections.images[index]
-        if image.size is None or (not image.boards and self.failures >= MAX_FAILURES):
-            return image, RedetectionStats()
         try:
             gray = deinterlace(to_gray8(read_image(image.path, apply_exif=self.apply_exif)))
         except UnreadableImage:  # it was readable before: keep the first detection
@@ -185,7 +196,6 @@ class _ImageSearch:
 
     def _search_views(self, gray: Bytes, image: ImageDetection) -> tuple[ImageDetection, RedetectionStats]:
         found = _detect_in_views(gray, self.camera, self.board)
-        self.failures = 0 if found else self.failures + 1
         if found is None:
             return image, RedetectionStats()
         far = int((self.camera.angle_of(found.pixels) > np.radians(FAR_DEG)).sum())
