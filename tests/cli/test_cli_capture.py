@@ -162,6 +162,12 @@ def test_wrong_input_is_refused(refuses, run, scene, tmp_path):
     assert "no image was stored: 0 of" in err
 
 
+def test_the_printed_command_is_complete_for_a_folder_with_a_space(run, scene):
+    status, out, _ = run(*arguments(scene)[:-1], "my images", "--images", "3", "--coverage", "1")
+    assert status == 0
+    assert "calibrate omnisight calibrate 'my images' --target" in out
+
+
 def test_a_folder_of_clips_is_refused(refuses, scene, tmp_path):
     (tmp_path / "clips").mkdir()
     for name in ("a.avi", "b.avi"):

@@ -76,6 +76,12 @@ def test_the_default_paper_is_that_of_the_territory(make, cannot, monkeypatch, l
     assert f"; {paper} offers " in cannot("checkerboard", "9x6", "--square", "30mm")
 
 
+def test_the_printed_command_is_complete_for_a_name_with_a_space(make):
+    status, out, _ = make("checkerboard", "9x6", "--square", "20mm", "-o", "my board.pdf")
+    assert status == 0
+    assert "next     omnisight calibrate images/ --target 'my board.json'\n" in out
+
+
 def test_the_scale_of_the_print_is_reported_for_narrow_paper(make):
     status, out, _ = make("checkerboard", "4x3", "--square", "8mm", "--paper", "60x80mm")
     assert status == 0

@@ -1,5 +1,6 @@
 """Progress and report of `omnisight capture`."""
 
+import shlex
 import sys
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
@@ -49,9 +50,9 @@ def print_report(result: CaptureResult, output: Path, options: CaptureOptions) -
         print(f"worst     {error_text(prior, worst)} (1σ), {direction_text(prior, worst)}")
     if result.reason != "coverage" and (pose := _next_pose(session)):
         print(f"next      {pose}")
-    board = f"--target {options.target}" if options.target else f"--pattern {session.board}"
-    board += f" --square {options.square}" if options.square else ""
-    print(f"calibrate omnisight calibrate {output} {board} -o camera.json")
+    board = ["--target", str(options.target)] if options.target else ["--pattern", str(session.board)]
+    board += ["--square", options.square] if options.square else []
+    print(f"calibrate {shlex.join(['omnisight', 'calibrate', str(output), *board, '-o', 'camera.json'])}")
 
 
 def as_json(result: CaptureResult) -> None:

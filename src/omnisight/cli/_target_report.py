@@ -1,6 +1,7 @@
 """Report of `omnisight target`."""
 
 import re
+import shlex
 
 from omnisight.cli._output import elapsed, write_json
 from omnisight.targets.boards import Board
@@ -24,7 +25,7 @@ def print_report(board: Board, files: TargetFiles) -> None:
             f" cameras cannot agree which way up it is. {asymmetric_alternative(board) or 'A ChArUco board'} is"
             " unambiguous"
         )
-    print(f"next     omnisight calibrate images/ --target {files.json}")
+    print(f"next     omnisight calibrate images/ --target {shlex.quote(str(files.json))}")
     print(f"written  {files.pdf}, {files.svg.name}, {files.json.name}")
 
 
