@@ -5,8 +5,12 @@ import json
 import cv2
 import numpy as np
 import pytest
+from cli_scene import QUICK
 
+from drawn import POSES, scene
+from drawn import pose as drawn_pose
 from omnisight.images import read_image, write_image
+from omnisight.targets import Checkerboard
 from omnisight.targets.boards.charuco import Charuco
 from prints import pose, render
 
@@ -82,6 +86,16 @@ def test_counted_squares_give_a_hint_with_the_right_pattern(run, shots, tmp_path
     assert status == 0
     assert "found a 9x6 grid of inner corners (10x7 squares) in 6/6 images, but the requested board is 10x7" in out
     assert "(11x8 squares). Use --pattern 9x6 or --squares 10x7." in out
+
+
+def test_images_of_another_board_may_be_dropped(run, refuses, tmp_path):
+    boards = [Checkerboard(9, 6)] * 3 + [Checkerboard(8, 5)] * 4
+    for i, (board, placed) in enumerate(zip(boards, [*POSES, (10, 20, 30, 8)], strict=True)):
+        write_image(tmp_path / f"{i}.png", scene((board, drawn_pose(board, *placed), True)))
+    drops = [word for i in range(3, 7) for word in ("--drop", f"{i}.png")]
+    assert "found a 8x5 grid" in refuses("calibrate", tmp_path, *QUICK, *drops[:2], "--drop", "0.png")
+    status, _, err = run("calibrate", tmp_path, *QUICK, *drops)
+    assert (status, err) == (0, "")
 
 
 def test_swapped_rows_and_columns_give_the_same_corners(run, shots):

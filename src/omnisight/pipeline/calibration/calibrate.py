@@ -151,7 +151,11 @@ def drop_images(observations: Observations, names: Sequence[str]) -> Observation
         raise ValueError("--drop leaves no image; keep three or more")
     if observations.detections is None:
         return observations.subset(kept)
-    detections = replace(observations.detections, images=[observations.detections.images[i] for i in kept])
+    detections = observations.detections
+    images = [detections.images[i] for i in kept]
+    # The hint names another board that most images show.
+    is_other = 2 * sum(bool(image.boards) for image in images) < len(images)
+    detections = replace(detections, images=images, hint=detections.hint if is_other else None)
     return Observations.from_detections(detections, [known[i] for i in kept])
 
 
