@@ -84,7 +84,7 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
         If the format or the model is unknown, the file cannot be read or written, or the model cannot be fitted.
     """
     path, target = Path(path), target_format(options)
-    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    output = Path(options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}"))
     refuse_overwrite([output], [path])
     if options.invert_extrinsics:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")

@@ -65,7 +65,7 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
     path, target = paths[0], target_format(options)
-    output = options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}")
+    output = Path(options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}"))
     refuse_overwrite([output], paths)
     if options.flip:
         raise ValueError(f"{path}: --flip is for one camera, and a rig is converted: specify --name")
