@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 from batch_tasks import Reverse, run
 
+from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.storage import file_system
+from omnisight.pipeline.stitching.stitch_batch import stitch_batch
 
 ONE = BatchOptions(workers=1)
 
@@ -69,3 +71,9 @@ def test_another_archive_is_refused_and_the_same_one_by_another_path_continues(t
 )
 def test_file_systems_differ_by_protocol_and_archive(a, b, is_same):
     assert (file_system(a) == file_system(b)) is is_same
+
+
+def test_images_of_cameras_in_different_archives_are_refused_before_they_are_read(tmp_path):
+    sources = [f"zip://*::{tmp_path / name}.zip" for name in ("front", "back")]
+    with pytest.raises(ValueError, match=r"front\.zip and .*back\.zip are in different archives or storages.*extract"):
+        stitch_batch(sources, Batch(str(tmp_path / "out"), ONE))

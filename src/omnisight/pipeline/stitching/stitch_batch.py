@@ -16,7 +16,7 @@ from omnisight.formats import load_rig
 from omnisight.images import IMAGE_SUFFIXES, decode_image
 from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import output_names
-from omnisight.pipeline.batch.storage import list_images, read_file
+from omnisight.pipeline.batch.storage import file_system, list_images, read_file
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.inputs.camera_sources import RigSource
 from omnisight.pipeline.inputs.image_set import assign_images
@@ -121,11 +121,17 @@ def stitch_batch(
     Raises
     ------
     ValueError
-        If images or cameras do not fit, the output holds another run, or the cluster cannot be used.
+        If images or cameras do not fit, the folders are in different archives, the output holds another run, or the
+        cluster cannot be used.
     """
     start = time.perf_counter()
     if batch.output.lower().endswith(IMAGE_SUFFIXES):
         raise ValueError(f"{batch.output}: has the name of an image; choose a folder for the spheres")
+    if others := [folder for folder in images if file_system(folder) != file_system(images[0])]:
+        raise ValueError(
+            f"{images[0]} and {others[0]} are in different archives or storages, and the workers read from one: put"
+            " the images of all cameras into the same archive or storage, or extract the archives"
+        )
     folders = [list_images(folder, batch.output) for folder in images]
     body = load_rig(Path(rig)) if isinstance(rig, str | PathLike) else rig
     frames = _frames(images, folders, body.names if body else HEAD_NAMES)
