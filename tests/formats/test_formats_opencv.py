@@ -1,10 +1,15 @@
-"""The traps of OpenCV's storage."""
+"""The traps of OpenCV's storage, and of ROS, which has the same coefficients."""
 
 import re
 
+import numpy as np
 import pytest
 
+from omnisight.camera import Camera
 from omnisight.formats import FormatError, load, load_all, save
+from omnisight.geometry.pose import Pose
+from omnisight.models import model_class
+from omnisight.rig import Rig
 
 FOUR = """%YAML:1.0
 ---
@@ -113,3 +118,28 @@ def test_opencv_unknown_fields_are_kept(load_text):
         FOUR.format(extra='fisheye_model: 1\ncalibration_time: "Mon 3: x"\nflags: 8\nper_view: [.Nan, 1.]\n')
     )
     assert camera.extra == {"calibration_time": "Mon 3: x", "flags": 8, "per_view": [".Nan", 1.0]}
+
+
+def test_ros_reads_both_cameras_of_a_stereo_pair_by_name(tmp_path):
+    models = [model_class(name).example() for name in ("kannala_brandt", "radial_tangential")]
+    shift = Pose(np.eye(3), np.array([-0.2, 0, 0]))
+    rig = Rig(tuple(Camera(model, (960, 720)) for model in models), (Pose(), shift), ("left", "right"))
+    save(rig, tmp_path / "pair.yaml", format="ros")
+    with pytest.raises(FormatError, match=r"holds 2 cameras: left, right; specify one"):
+        load(tmp_path / "pair.yaml")
+    assert load(tmp_path / "pair.yaml", name="right").model == models[1]
+
+
+def test_ros_messages_of_two_cameras_are_distinguished_by_their_frame(tmp_path):
+    echo = """header:
+  frame_id: "{name}"
+height: 480
+width: 640
+distortion_model: "equidistant"
+D: [0.1, 0.02, 0.003, 0.0004]
+K: [{focal}, 0.0, 320.0, 0.0, 401.0, 240.0, 0.0, 0.0, 1.0]
+"""
+    messages = [echo.format(name=name, focal=focal) for name, focal in [("left", 400.0), ("right", 410.0)] * 2]
+    (tmp_path / "echo.yaml").write_text("---\n".join([*messages, "header:\n  seq: 8\n"]))
+    found = load_all(tmp_path / "echo.yaml")
+    assert {name: camera.model.to_dict()["fx"] for name, camera in found.items()} == {"left": 400.0, "right": 410.0}

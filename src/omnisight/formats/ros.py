@@ -66,6 +66,7 @@ MESSAGE_PATTERNS = (
     re.compile(r"""(?:^|[{,])[ \t]*["']?[Kk]["']?[ \t]*:[ \t\n]*[\[\-]""", re.MULTILINE),
     re.compile(r"""["']?distortion_model["']?[ \t]*:"""),
 )
+NAME = re.compile(r"""(?:^|[{,])[ \t]*["']?(?:camera_name|frame_id)["']?[ \t]*:([^\n,}]*)""", re.MULTILINE)
 COMMENT = "# {}"
 READERS = CV2_READERS
 
@@ -78,9 +79,8 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str) -> Mapping[str, Camera]:
-    """Read the camera, or the first message of several."""
-    # `rostopic echo` ends each message with a line of dashes.
-    return _named(_documents(text)[0])
+    """Read every camera: that of a file or of repeated messages, or those of a stereo pair."""
+    return _cameras(_documents(text))
 
 
 def parse_rig(text: str) -> Rig:
@@ -88,15 +88,13 @@ def parse_rig(text: str) -> Rig:
 
     The rectification of both and the baseline in the projection matrix define the pose.
     """
-    documents = [document for document in _documents(text) if document.strip()]
+    documents = _documents(text)
     if len(documents) < 2:
         raise ValueError(
             "no rig: a stereo pair is two documents, of the left and of the right camera, with a line --- between them;"
             " join the files of camera_calibration"
         )
-    cameras: dict[str, Camera] = {}
-    for document in documents:  # messages repeat
-        cameras |= _named(document)
+    cameras = _cameras(documents)
     if len(cameras) != 2:
         raise ValueError(f"a stereo pair has two cameras with different camera_name (frame_id), got {len(cameras)}")
     fields = [camera.extra for camera in cameras.values()]
@@ -165,8 +163,24 @@ def _rectification(pose: Pose) -> tuple[tuple[Array, Array], int, float]:
 
 
 def _documents(text: str) -> list[str]:
-    """Return the documents of a text."""
-    return re.split(r"^---[ \t]*$", text.strip("- \t\r\n"), flags=re.MULTILINE)
+    """Return the documents of a text; `rostopic echo` ends each message with a line of dashes."""
+    parts = re.split(r"^---[ \t]*\r?$", text.strip("- \t\r\n"), flags=re.MULTILINE)
+    return [part for part in parts if part.strip()]
+
+
+def _cameras(documents: list[str]) -> dict[str, Camera]:
+    """Return the camera of the first document of each name."""
+    cameras: dict[str, Camera] = {}
+    seen: set[str] = set()
+    for document in documents:
+        found = NAME.search(document)
+        name = found[1].strip() if found else ""
+        # Messages repeat, and the last one may be cut off in its header.
+        if name in seen or (seen and not name and not matches(document)):
+            continue
+        seen.add(name)
+        cameras |= _named(document)
+    return cameras
 
 
 def _named(text: str) -> dict[str, Camera]:
@@ -216,6 +230,8 @@ def _yaml_keys(data: Mapping[str, Any]) -> dict[str, Any]:
         return dict(data)
     upper = {key.upper() if len(key) == 1 else key: value for key, value in data.items()}
     fields = {MESSAGE_KEYS.get(key, key): value for key, value in upper.items()}
+    if isinstance(header := data.get("header"), dict) and header.get("frame_id"):
+        fields.setdefault("camera_name", header["frame_id"])
     for key, columns in (("rectification_matrix", 3), ("projection_matrix", 4)):
         if isinstance(value := fields.get(key), list):
             fields[key] = {"rows": 3, "cols": columns, "data": value}
