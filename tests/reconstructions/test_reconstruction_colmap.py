@@ -1,5 +1,6 @@
 """COLMAP's files of a reconstruction: what pycolmap reads from them, and the cameras that are refused."""
 
+import dataclasses
 import importlib.util
 import json
 import subprocess
@@ -114,3 +115,14 @@ def test_the_folder_of_a_reconstruction_has_colmap_text_where_possible(tmp_path)
     assert {path.name for path in (tmp_path / "colmap").iterdir()} >= {"cameras.txt", "rigs.txt", "points3D.txt"}
     write_reconstruction(tmp_path, single("fisheye"))
     assert not list((tmp_path / "colmap").iterdir())
+
+
+def test_names_with_spaces_are_refused_in_text_and_kept_in_binary(tmp_path):
+    made = single("narrow_fisheye")
+    made = dataclasses.replace(made, names=tuple(f"IMG {i}.jpg" for i in range(len(made))))
+    with pytest.raises(ReconstructionError, match=r"'IMG 0\.jpg' has a space in its name.*--to colmap_binary"):
+        export_reconstruction(made, tmp_path, ExportOptions("colmap"))
+    export_reconstruction(made, tmp_path, ExportOptions("colmap_binary"))
+    assert b"IMG 0.jpg\0" in (tmp_path / "images.bin").read_bytes()
+    write_reconstruction(tmp_path, made)
+    assert not (tmp_path / "colmap").exists()

@@ -29,6 +29,11 @@ FILES = tuple(f"{name}.txt" for name in HEADERS)
 
 def files(reconstruction: Reconstruction, options: ExportOptions) -> list[OutputFile]:
     """Return the five files."""
+    if spaced := [name for name in reconstruction.names if any(map(str.isspace, name))]:
+        raise ValueError(
+            f"the image {spaced[0]!r} has a space in its name, where COLMAP's text files end it: export with --to"
+            " colmap_binary, or rename the image"
+        )
     model = colmap_model(reconstruction)
     tables = {
         "cameras": [
