@@ -1,6 +1,7 @@
 """omnisight simulate."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -281,3 +282,14 @@ def test_unknown_scenes_and_invalid_files_are_rejected(refuses, small, tmp_path)
     file = save(rig, tmp_path / "rig.json").path
     assert "cannot be used as a folder name" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def side_by_side(camera):
+    return Rig.from_sensors(
+        {"left": (camera, om.Pose()), "right": (camera, om.Pose(np.eye(3), np.array([-0.1, 0, 0])))}
+    )
+
+
+def test_a_rig_in_squares_is_refused(refuses, tmp_path):
+    file = save(replace(side_by_side(SMALL), unit="squares"), tmp_path / "squares.json").path
+    assert "this rig are in squares, not metres" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "o")

@@ -230,6 +230,7 @@ def mounted_cameras(source: Path | Sensor | Rig, circle: tuple[float, float] | N
 
 def _sensors(source: Path | Sensor | Rig) -> list[tuple[str, Sensor, Pose]]:
     """Return name, camera and rig_from_camera of every camera."""
+    label = source if isinstance(source, Path) else "rig"
     if isinstance(source, Path):
         try:
             source = load_rig(source)
@@ -237,6 +238,10 @@ def _sensors(source: Path | Sensor | Rig) -> list[tuple[str, Sensor, Pose]]:
             source = load(source)
     if not isinstance(source, Rig):
         return [("", source, Pose())]
+    if source.unit != "m" and len(source) > 1:
+        raise ValueError(
+            f"{label}: the lengths of this rig are in {source.unit}, not metres: calibrate it with --square"
+        )
     poses = [pose.inverse() for pose in source.sensor_from_rig]
     return list(zip(source.names, source.cameras, poses, strict=True))
 
