@@ -10,6 +10,7 @@ import pytest
 import omnisight as om
 from omnisight.formats import load, save
 from omnisight.images import read_image
+from omnisight.models import model_class
 from omnisight.optics.models.axial import Axial
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
@@ -293,3 +294,11 @@ def side_by_side(camera):
 def test_a_rig_in_squares_is_refused(refuses, tmp_path):
     file = save(replace(side_by_side(SMALL), unit="squares"), tmp_path / "squares.json").path
     assert "this rig are in squares, not metres" in refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "o")
+
+
+def test_a_damaged_rig_is_refused_with_its_damage(refuses, tmp_path):
+    camera = om.Camera(model_class("kannala_brandt").example(), (960, 720))
+    file = save(side_by_side(camera), tmp_path / "rig.yaml", format="kalibr").path
+    file.write_text(file.read_text().replace("[1.0, 0.0, 0.0, -0.1]", "[1.0, 0.0, 0.5, -0.1]"))
+    output = refuses("simulate", "lines", "--camera", file, "-o", tmp_path / "o")
+    assert "T_cn_cnm1 is not a rotation matrix" in output

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import omnisight
 from omnisight.display import Displayed
-from omnisight.formats import FormatError, load, load_rig
+from omnisight.formats import FormatError, is_rig_file, load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.motion_sensor_options import RATES, MotionSensors
@@ -235,6 +235,8 @@ def _sensors(source: Path | Sensor | Rig) -> list[tuple[str, Sensor, Pose]]:
         try:
             source = load_rig(source)
         except FormatError:
+            if is_rig_file(source):
+                raise
             source = load(source)
     if not isinstance(source, Rig):
         return [("", source, Pose())]
