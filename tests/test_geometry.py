@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from omnisight.formats.native import rig_from_json, rig_to_json
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
+from omnisight.rig import Rig
+from omnisight.views import fisheye
 
 RNG = np.random.default_rng(5)
 AXES = np.concatenate([np.eye(3), -np.eye(3), RNG.normal(size=(30, 3))])
@@ -176,3 +179,11 @@ def test_flip_exchanges_left_and_right():
 def test_an_unknown_up_is_rejected_with_the_names():
     with pytest.raises(ValueError, match="top, back, front, got 'left'"):
         look(up="left")
+
+
+def test_poses_of_lists_are_those_of_arrays():
+    quarter, shift = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1, 2, 3]
+    turned = Pose(quarter, shift)
+    assert turned == Pose(np.array(quarter, float), np.array(shift, float))
+    assert turned.inverse() @ (turned @ [4, 5, 6]) == pytest.approx([4, 5, 6])
+    assert rig_from_json(rig_to_json(Rig.from_sensors({"a": (fisheye(64, 180), turned)}))).sensor_from_rig == (turned,)

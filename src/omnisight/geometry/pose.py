@@ -27,6 +27,11 @@ class Pose(Displayed):
     rotation: Array = field(default_factory=lambda: np.eye(3))
     translation: Array = field(default_factory=lambda: np.zeros(3))
 
+    def __post_init__(self) -> None:
+        """Convert lists and integers to arrays of floats."""
+        for name in ("rotation", "translation"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Pose):
             return NotImplemented
