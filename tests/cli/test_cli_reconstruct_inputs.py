@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from omnisight.geometry.rotation import exp
 from omnisight.images.video_writer import VideoWriter
 from omnisight.pipeline.inputs.image_set import image_set
 from omnisight.pipeline.reconstruction.known_positions import read_positions
+from omnisight.rig import Rig
 from omnisight.simulation import Renderer, scene_named
 
 SPHERE = om.sphere(480)
@@ -171,3 +173,13 @@ def test_frames_of_a_clip_are_chosen_by_time_and_not_written_again(tmp_path):
     before = [file.stat().st_mtime_ns for file in files]
     assert om.extract_frames(tmp_path / "clip.mp4", tmp_path / "frames", 2.0) == files
     assert [file.stat().st_mtime_ns for file in files] == before
+
+
+@pytest.mark.parametrize("command", ["reconstruct", "map"])
+def test_a_rig_in_squares_is_refused(refuses, images, command):
+    for k, name in enumerate("abc"):
+        (images / f"{k}.png").rename(images / f"{name}_1.png")
+    sensors = {name: (SPHERE, om.Pose(np.eye(3), [-3 * k, 0, 0])) for k, name in enumerate("abc")}
+    om.save(replace(Rig.from_sensors(sensors), unit="squares"), images.parent / "rig.json")
+    output = refuses(command, images, "--rig", images.parent / "rig.json", "-o", images.parent / "out")
+    assert "the lengths of the rig are in squares, not metres" in output

@@ -1,7 +1,7 @@
 """The cameras that a user specifies for a set of images: one, several by name, or a rig."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal, Self
@@ -39,6 +39,8 @@ class CameraSources:
         How the poses are used; None if the cameras are independent.
     ray_cameras
         The non-central cameras, None for central ones; none if all are central.
+    unit
+        Unit of the translations of the poses.
     """
 
     names: tuple[str, ...]
@@ -46,6 +48,7 @@ class CameraSources:
     poses: tuple[Pose, ...] = ()
     extrinsics: Extrinsics | None = None
     ray_cameras: tuple[RayCamera | None, ...] = ()
+    unit: str = "m"
 
     @property
     def has_scale(self) -> bool:
@@ -86,7 +89,7 @@ class CameraSources:
     def _of_rig(cls, rig: RigSource, extrinsics: Extrinsics) -> Self:
         body = rig if isinstance(rig, Rig) else load_rig(Path(rig))
         poses = () if extrinsics == "unknown" else body.sensor_from_rig
-        return cls._of_sensors(body.names, body.cameras, poses, extrinsics, None)
+        return replace(cls._of_sensors(body.names, body.cameras, poses, extrinsics, None), unit=body.unit)
 
     @classmethod
     def _of_sensors(

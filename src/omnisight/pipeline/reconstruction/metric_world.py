@@ -37,8 +37,13 @@ class MetricWorld:
         ------
         ValueError
             If an image is unknown, both are the same, a length has no unit, no position can be read, or the rig
-            determines the scale.
+            determines the scale or is not in metres.
         """
+        if sources.has_scale and sources.unit != "m":
+            raise ValueError(
+                f"the lengths of the rig are in {sources.unit}, not metres: calibrate it with --square, or specify"
+                " --extrinsics unknown, which estimates its poses"
+            )
         if options.positions is not None:
             return cls(positions=read_positions(options.positions, files))
         if options.scale is None:
