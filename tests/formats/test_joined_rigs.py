@@ -5,6 +5,7 @@ import pytest
 
 import omnisight as om
 from omnisight.formats import load_joined_rig
+from omnisight.models import model_class
 from omnisight.simulation.example_rigs import ladybug
 
 NAMES = ("calib_3_cam0-1", "calib_3_cam2", "calib_3_cam3", "calib_3_cam4")
@@ -65,3 +66,11 @@ def test_published_chains_of_one_head_are_converted_to_one_rig(data, tmp_path):
     # The head has a camera that looks up and one to each side.
     axes = np.array([pose.rotation.T[:, 2] for pose in rig.sensor_from_rig])
     assert axes[2:] @ axes[0] == pytest.approx(0.0, abs=0.02)
+
+
+def test_names_that_a_format_replaces_are_reported(tmp_path):
+    camera = om.Camera(model_class("kannala_brandt").example(), (960, 720))
+    rig = om.Rig((camera, camera), (om.Pose(), om.Pose(np.eye(3), [-0.1, 0, 0])), ("left", "right"))
+    notes = om.save(rig, tmp_path / "rig.yaml", format="kalibr").notes
+    assert notes == ("the names of the cameras are those of the format: left is cam0, right is cam1",)
+    assert not om.save(om.load_rig(tmp_path / "rig.yaml"), tmp_path / "again.yaml", format="kalibr").notes

@@ -1,7 +1,7 @@
 """Find the format of a file, read and write calibration files."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Collection
 from itertools import islice
 from pathlib import Path
 from typing import cast
@@ -66,9 +66,9 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
     return next(iter(cameras.values()))
 
 
-def _listed(cameras: Mapping[str, Camera | RayCamera]) -> str:
-    """Return the names of cameras, shortened."""
-    return ", ".join([*islice(cameras, MAX_LISTED), *(["..."] if len(cameras) > MAX_LISTED else [])])
+def _listed(names: Collection[str]) -> str:
+    """Return names, shortened."""
+    return ", ".join([*islice(names, MAX_LISTED), *(["..."] if len(names) > MAX_LISTED else [])])
 
 
 def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
@@ -205,7 +205,13 @@ def _save_rig(rig: Rig, path: Path, chosen: Format, max_error: float) -> SaveRes
             f"{path}: {chosen.TITLE}: reads back {max(pixels):.3g} px off, {max_error:g} allowed; nothing was written"
         )
     _write(path, text)
-    return SaveResult(path, max(pixels), notes, angle, length)
+    return SaveResult(path, max(pixels), (*notes, *_renamed(rig, again)), angle, length)
+
+
+def _renamed(rig: Rig, again: Rig) -> tuple[str, ...]:
+    """Return a note on the names of cameras that a format does not hold, or nothing."""
+    pairs = [f"{old} is {new}" for old, new in zip(rig.names, again.names, strict=True) if old != new]
+    return (f"the names of the cameras are those of the format: {_listed(pairs)}",) if pairs else ()
 
 
 def _sensor_difference_px(camera: Camera | RayCamera, other: Camera | RayCamera) -> float:
