@@ -144,6 +144,7 @@ def test_convert_over_smaller_field_of_view_is_more_accurate(run, camera_file, t
         (("--to", "native", "--model", "nonsense"), "unknown camera model 'nonsense'; there are: cassini"),
         (("--to", "native", "--name", "left"), "no camera 'left'; it holds camera"),
         (("--to", "native", "--model", "mei", "--max-theta", "0.1"), "almost no pixel of the camera"),
+        (("--to", "native", "--max-theta", "40"), "--max-theta 40: limits the fit of another model"),
     ],
 )
 def test_impossible_conversion_is_rejected(refuses, camera_file, tmp_path, options, message):

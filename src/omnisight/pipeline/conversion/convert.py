@@ -1,6 +1,7 @@
 """Conversion of calibration files: the counterpart of `omnisight convert`."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,6 +91,7 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
     camera, conversion = convert_camera(source, target, options)
+    refuse_unused_angle([conversion], options)
     camera = _flipped(camera, path) if options.flip else camera
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
@@ -109,6 +111,15 @@ def target_format(options: ConvertOptions) -> Format:
     if options.format in model_names():
         raise ValueError(f"{options.format} is a camera model, not a format: --to native --model {options.format}")
     return get_format(options.format)
+
+
+def refuse_unused_angle(conversions: Iterable[Conversion | None], options: ConvertOptions) -> None:
+    """Raise ValueError if the options limit the angle of fits, and no model is fitted."""
+    if options.max_theta_deg is not None and not any(conversion is not None for conversion in conversions):
+        raise ValueError(
+            f"--max-theta {options.max_theta_deg:g}: limits the fit of another model, and no model changes: leave it"
+            " out, or specify --model"
+        )
 
 
 def convert_camera(source: Camera, target: Format, options: ConvertOptions) -> tuple[Camera, Conversion | None]:

@@ -12,7 +12,12 @@ from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.models.ocam import Ocam
-from omnisight.pipeline.conversion.convert import ConversionError, convert_camera, target_format
+from omnisight.pipeline.conversion.convert import (
+    ConversionError,
+    convert_camera,
+    refuse_unused_angle,
+    target_format,
+)
 from omnisight.pipeline.conversion.convert_options import ConvertOptions
 from omnisight.pipeline.conversion.ocam_roll import with_upright_ocam
 from omnisight.pipeline.inputs.central_camera import central_approximation
@@ -93,6 +98,7 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
             raise ValueError(f"{path}: {name}: {error}") from error
         cameras.append(camera)
         conversions.append(conversion)
+    refuse_unused_angle(conversions, options)
     converted = dataclasses.replace(source, cameras=tuple(cameras))
     max_error = math.inf if options.force else options.max_error_px
     written = save(converted, output, format=options.format, max_error=max_error)
