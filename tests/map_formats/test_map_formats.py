@@ -22,6 +22,7 @@ needs_ffmpeg = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs 
 
 FISHEYE = om.Camera(model_class("kannala_brandt")(98.0, 97.0, 160.3, 119.1, 0.01, -0.02, 0.004, -0.001), (320, 240))
 SPHERE = om.sphere(400)
+PANORAMA = om.Camera(model_class("cylindrical")(400 / (2 * np.pi), 400 / (2 * np.pi), 199.5, 49.5), (400, 100))
 # A view of which the fisheye covers a part.
 VIEW = om.ViewOptions(fov=100, yaw=70, pitch=-20, roll=10, size=(160, 120))
 
@@ -56,7 +57,7 @@ def assert_alike(view, own, table, tolerance):
     assert view[outer].max(initial=0) == 0
 
 
-@pytest.mark.parametrize("camera", [FISHEYE, SPHERE], ids=["fisheye", "sphere"])
+@pytest.mark.parametrize("camera", [FISHEYE, SPHERE, PANORAMA], ids=["fisheye", "sphere", "panorama"])
 @pytest.mark.parametrize("name", ["map", "map.npy", "map.yml", "map.xml", "map.yml.gz"])
 def test_opencv_renders_the_view(camera, name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

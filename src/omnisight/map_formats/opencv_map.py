@@ -39,8 +39,14 @@ def convert(table: RemapTable, output: Path) -> MapFiles:
 
 def _usage(table: RemapTable, load: str) -> str:
     """Return the code that remaps an image by the map that an expression loads."""
-    border = ", borderMode=cv2.BORDER_WRAP" if table.is_periodic else ""
-    return f"view = cv2.remap(image, {load}, None, cv2.{FLAGS[table.interpolation]}{border})"
+    flags = f"None, cv2.{FLAGS[table.interpolation]}"
+    if not table.is_periodic:
+        return f"view = cv2.remap(image, {load}, {flags})"
+    wrapped = f"cv2.remap(image, %s, {flags}, borderMode=cv2.BORDER_WRAP)"
+    if table.covered.all():
+        return f"view = {wrapped % load}"
+    # The border also wraps what is not covered.
+    return f"table = {load}; view = {wrapped % 'table'}; view[table[..., 0] == {OUTSIDE_PX:g}] = 0"
 
 
 def _storage(values: NDArray[np.float32], file: Path) -> bytes:
