@@ -79,7 +79,7 @@ def test_compressed_text_is_the_same_text(tmp_path):
 def test_the_printed_command_of_ffmpeg_renders_the_view(camera, interpolation, tolerance, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = om.ViewOptions(fov=100, yaw=70, pitch=-20, roll=10, size=(160, 120), interpolation=interpolation)
-    result = exported(camera, Path("map"), "ffmpeg", options)
+    result = exported(camera, Path("my map"), "ffmpeg", options)
     image = smooth_image(camera)
     om.write_image("in.png", image)
     command = result.usage.replace("INPUT", "in.png").replace("OUTPUT", "out.png")

@@ -1,5 +1,6 @@
 """Maps of FFmpeg's filter `remap`, which takes whole source pixels."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,7 @@ def convert(table: RemapTable, output: Path) -> MapFiles:
     # The filter outputs 4:4:4, and many players cannot decode it in H.264. FFmpeg ignores the option where the encoder
     # lacks the format, such as for PNG. The encoder refuses 4:2:0 for odd sizes.
     pixels = "" if any(side % 2 for side in table.u.shape) else " -pix_fmt yuv420p"
-    inputs = f"-i INPUT -i {files[0]} -i {files[1]}"
+    inputs = f"-i INPUT -i {shlex.quote(str(files[0]))} -i {shlex.quote(str(files[1]))}"
     usage = f"ffmpeg {inputs} -filter_complex '{chain}' -map '[view]' -map '0:a?'{pixels} OUTPUT"
     data = tuple((file, encode_image(values, file.name)) for file, values in zip(files, (columns, rows), strict=True))
     return MapFiles(data, usage)
