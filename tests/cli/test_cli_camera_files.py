@@ -10,8 +10,11 @@ from cli_scene import FOCAL, QUICK, SIZE, TRUTH, file_names
 from jpegs import jpeg
 from omnisight.camera import Camera
 from omnisight.formats import load, save
+from omnisight.geometry.pose import Pose
 from omnisight.images import read_image
 from omnisight.models import model_class, model_names
+from omnisight.rig import Rig
+from omnisight.views import perspective
 
 
 def test_inspect_prints_model_size_field_focal_length_and_conventions(run, camera_file):
@@ -210,3 +213,13 @@ def test_damaged_image_is_not_a_crash(run, shots, camera_file, tmp_path):
         status, _, err = run("view", path, "--camera", camera_file, *options)
         assert status in (0, 2), f"{i}: {err}"
         assert err.startswith("omnisight: ") is (status == 2)
+
+
+def test_a_camera_file_is_not_replaced_by_what_is_made_from_it(refuses, camera_file, tmp_path):
+    before = camera_file.read_bytes()
+    assert "is one of the inputs" in refuses("convert", camera_file, "--to", "native", "-o", camera_file)
+    rig = save(Rig.from_sensors({name: (TRUTH, Pose()) for name in "ab"}), tmp_path / "rig.json").path
+    assert "is one of the inputs" in refuses("convert", rig, "--to", "native", "-o", rig)
+    storage = save(perspective(64, 90), tmp_path / "camera.yml", format="opencv").path
+    assert "is one of the inputs" in refuses("export", storage, "--to", "opencv-map", "-o", storage)
+    assert camera_file.read_bytes() == before

@@ -82,7 +82,8 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
     ConversionError
         If the model differs from the camera by more than `max_error_px`.
     ValueError
-        If the format or the model is unknown, the file cannot be read or written, or the model cannot be fitted.
+        If the format or the model is unknown, the file cannot be read or written or is its own output, or the model
+        cannot be fitted.
     """
     path, target = Path(path), target_format(options)
     output = Path(options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}"))

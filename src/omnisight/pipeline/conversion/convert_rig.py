@@ -66,7 +66,7 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     ConversionError
         If the model of a camera differs by more than `max_error_px`; the message names the camera.
     ValueError
-        If the format holds no rigs, the file cannot be read or written, or a model cannot be fitted.
+        If the format holds no rigs, a file cannot be read or written or is the output, or a model cannot be fitted.
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
     path, target = paths[0], target_format(options)

@@ -7,6 +7,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.images import write_bytes
+from omnisight.images.output_paths import refuse_overwrite
 from omnisight.map_formats import RemapTable, get_map_format
 from omnisight.pipeline.inputs.central_camera import CameraSource, central_camera, fit_camera
 from omnisight.pipeline.views.view_options import ViewOptions
@@ -70,11 +71,12 @@ def export_map(
     Raises
     ------
     ValueError
-        If the program cannot show the view, the camera does not, or the size does not fit.
+        If the program cannot show the view, the camera does not, the size does not fit, or a file is the camera's.
     OSError
         If a file cannot be written.
     """
     options, chosen = options or ViewOptions(), get_map_format(format)
+    inputs = [Path(camera)] if isinstance(camera, str | PathLike) else []
     if not isinstance(camera, Camera):
         camera = central_camera(camera, name=options.name, distance=options.distance)
     if image_size is not None:
@@ -83,6 +85,7 @@ def export_map(
     target, rotations = view_target(options)
     table = RemapTable.of(camera, target, rotations, options.interpolation or "bicubic")
     files, usage = chosen.convert(table, Path(output))
+    refuse_overwrite([file for file, _ in files], inputs)
     for file, data in files:
         write_bytes(file, data)
     return MapExport(chosen.TITLE, chosen.CONVENTION, table, options, tuple(file for file, _ in files), usage)
