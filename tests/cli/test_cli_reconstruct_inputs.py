@@ -183,3 +183,9 @@ def test_a_rig_in_squares_is_refused(refuses, images, command):
     om.save(replace(Rig.from_sensors(sensors), unit="squares"), images.parent / "rig.json")
     output = refuses(command, images, "--rig", images.parent / "rig.json", "-o", images.parent / "out")
     assert "the lengths of the rig are in squares, not metres" in output
+
+
+def test_the_name_of_a_camera_is_refused_with_a_rig(refuses, images):
+    rig = om.save(Rig.from_sensors({"a": (SPHERE, om.Pose())}), images.parent / "rig.json").path
+    output = refuses("reconstruct", images, "--rig", rig, "--name", "a", "-o", images.parent / "out")
+    assert "--name a: names a camera in a file of several, and a rig is used whole" in output

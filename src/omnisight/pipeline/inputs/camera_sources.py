@@ -69,11 +69,14 @@ class CameraSources:
         Raises
         ------
         ValueError
-            If both a camera and a rig are given, the extrinsics do not fit them, or a camera is a lens with mirrors.
+            If both a camera and a rig are given, the extrinsics or the name do not fit them, or a camera is a lens with
+            mirrors.
         """
         if rig is not None:
             if camera is not None:
                 raise ValueError("give a camera or a rig, not both: the rig contains its cameras")
+            if name is not None:
+                raise ValueError(f"--name {name}: names a camera in a file of several, and a rig is used whole")
             return cls._of_rig(rig, extrinsics or "fixed")
         if isinstance(camera, Mapping) and camera:
             if extrinsics in ("fixed", "refined"):
