@@ -244,6 +244,8 @@ def test_invalid_files_and_options_are_refused(refuses, pair, tmp_path):
     assert "depth.jpg: distances cannot be written as .jpg" in refuses(*arguments(pair), "-o", tmp_path / "depth.jpg")
     assert "left.png" in refuses(*arguments(pair), "-o", pair / "left.png")
     assert "there is no folder" in refuses(*arguments(pair), "--ply", tmp_path / "none" / "cloud.ply")
+    both = "-o", tmp_path / "d.png", "--preview", tmp_path / "d.png"
+    assert "d.png: is specified for two outputs" in refuses(*arguments(pair), *both)
     assert "must be larger than the baseline" in refuses(*arguments(pair), "--min-distance", "0.1")
     assert "max_sigma is 0" in refuses(*arguments(pair), "--max-sigma", "0")
     assert "--steps must be positive" in refuses(*arguments(pair), "--steps", "0")

@@ -61,6 +61,9 @@ def stereo(
     files = [path for path in (output, ply, preview, rectified) if path is not None]
     for path in files:
         must_be_writable(path)
+    for k, path in enumerate(files):
+        if path.resolve() in {other.resolve() for other in files[:k]}:
+            raise ValueError(f"{path}: is specified for two outputs, and one would replace the other: use two files")
     if output is not None:
         check_distance_suffix(output)
     inputs = (left, right, rig, options.mask_left, options.mask_right)
