@@ -125,3 +125,20 @@ def test_inputs_are_not_overwritten(refuses, known, name):
     arguments = known / "phone", "--map", known / "map", "--camera", known / "phone.json", "-o", known / name
     assert "is one of the inputs" in refuses("localize", *arguments)
     assert (known / name).read_bytes() == before
+
+
+def test_poses_in_a_map_of_unknown_uncertainty_are_written_without_it(run, known, tmp_path):
+    made = om.read_map(known / "map")
+    points = made.reconstruction.points
+    points = dataclasses.replace(points, covariance=np.full_like(points.covariance, np.nan))
+    made = dataclasses.replace(made, reconstruction=dataclasses.replace(made.reconstruction, points=points))
+    om.write_map(tmp_path / "map", made)
+    arguments = "localize", known / "phone", "--map", tmp_path / "map", "--camera", known / "phone.json"
+    status, out, err = run(*arguments, "--json")
+    assert status == 0, err
+    found = json.loads(out)
+    assert found["localized"] == len(QUERIES)
+    assert {(each["sigma_deg"], each["sigma_position"], each["covariance"]) for each in found["images"]} == {
+        (None,) * 3
+    }
+    assert "nan" not in run(*arguments)[1]

@@ -87,13 +87,14 @@ def _as_dict(image: LocalizedImage) -> dict[str, Any]:
     if image.cam_from_world is None:
         return {"localized": False, "reason": image.reason, **figures}
     world_from_cam, (angle, distance) = image.cam_from_world.inverse(), image.sigmas
+    is_known = bool(np.isfinite(image.covariance).all())
     return {
         "localized": True,
         "position": world_from_cam.translation.tolist(),
         "rotation_xyzw": quaternions(world_from_cam.rotation).tolist(),
-        "sigma_deg": float(np.degrees(angle)),
-        "sigma_position": distance,
-        "covariance": image.covariance.tolist(),
+        "sigma_deg": float(np.degrees(angle)) if is_known else None,
+        "sigma_position": distance if is_known else None,
+        "covariance": image.covariance.tolist() if is_known else None,
         **figures,
     }
 
@@ -114,8 +115,8 @@ def print_report(found: LocalizationResult, known: VisualMap, output: Path | Non
             continue
         angle, distance = image.sigmas
         position = " ".join(f"{value:.3f}" for value in image.cam_from_world.inverse().translation + 0.0)
-        figures = rounded(distance), rounded(np.degrees(angle)), f"{image.inliers}/{image.matches}"
-        table.add_row(name, position, *figures, f"near {image.nearest}")
+        sigmas = [rounded(value) if np.isfinite(value) else "unknown" for value in (distance, np.degrees(angle))]
+        table.add_row(name, position, *sigmas, f"{image.inliers}/{image.matches}", f"near {image.nearest}")
     out.print(table)
     out.print()
     if change := found.focal_length_change:
