@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from omnisight.images import read_image, write_image
-from omnisight.reconstructions import ExportOptions, ReconstructionError, export_reconstruction
+from omnisight.pipeline.batch.batch import Batch
+from omnisight.pipeline.batch.batch_options import BatchOptions
+from omnisight.pipeline.views.export_batch import export_batch
+from omnisight.reconstructions import ExportOptions, ReconstructionError, export_reconstruction, write_reconstruction
 from reconstructing import independent, paint, single, two_fisheyes
 
 MAKERS = {"equirectangular": single, "rig": two_fisheyes, "independent": independent}
@@ -113,3 +116,15 @@ def test_missing_images_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(ReconstructionError, match="--size must be"):
         export_reconstruction(single(), tmp_path / "out", ExportOptions("splat", paint(made, images), 3))
     assert not (tmp_path / "out").exists()
+
+
+def test_views_are_not_written_among_the_images(tmp_path):
+    made = single()
+    images = paint(made, tmp_path / "images")
+    before = sorted(images.iterdir())
+    with pytest.raises(ReconstructionError, match=r"images: is the folder of the images"):
+        export_reconstruction(made, tmp_path, ExportOptions("splat", images, 64))
+    write_reconstruction(tmp_path / "model", made)
+    with pytest.raises(ValueError, match=r"images: is the folder of the images"):
+        export_batch(tmp_path / "model", str(images), Batch(str(tmp_path), BatchOptions(workers=1)), 64)
+    assert sorted(images.iterdir()) == before

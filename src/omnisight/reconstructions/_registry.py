@@ -7,7 +7,7 @@ from typing import cast
 from omnisight.extensions import module_in, names_in
 from omnisight.formats import save
 from omnisight.images import write_bytes
-from omnisight.reconstructions import colmap, native
+from omnisight.reconstructions import colmap, native, splat
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile, ReconstructionError, ReconstructionFormat
 from omnisight.sfm.reconstruction import Reconstruction
 
@@ -56,9 +56,12 @@ def export_reconstruction(
     Raises
     ------
     ReconstructionError
-        If the format cannot hold the reconstruction, or a file cannot be written.
+        If the format cannot hold the reconstruction, a file cannot be written, or views would be among the images.
     """
     chosen = get_reconstruction_format(options.format)
+    views = Path(folder) / splat.IMAGE_FOLDER
+    if options.images is not None and chosen.TITLE == splat.TITLE and views.resolve() == options.images.resolve():
+        raise ReconstructionError(f"{views}: {splat.IN_IMAGE_FOLDER}")
     try:
         return tuple(_write(Path(folder), chosen.files(reconstruction, options)))
     except (ValueError, OSError) as error:

@@ -25,6 +25,7 @@ CONVENTION = (
     " a rig"
 )
 IMAGE_FOLDER, MASK_FOLDER, MODEL_FOLDER = "images", "masks", "sparse/0"
+IN_IMAGE_FOLDER = "is the folder of the images, and views in it would be read as images: choose another output"
 NUM_FIELD_IMAGES = 8  # in whose maximum the image circle is detected
 MIN_SIZE_PX, MAX_SIZE_PX = 16, 16384
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from omnisight.images import decode_image
 from omnisight.pipeline.batch.batch import Batch, BatchResult
-from omnisight.pipeline.batch.storage import list_images, path_below, read_file, write_file
+from omnisight.pipeline.batch.storage import is_below, list_images, path_below, read_file, write_file
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.inputs.work_folder import digest
 from omnisight.reconstructions import read_reconstruction
-from omnisight.reconstructions.splat import CameraViews, plan_splat
+from omnisight.reconstructions.splat import IMAGE_FOLDER, IN_IMAGE_FOLDER, CameraViews, plan_splat
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +73,12 @@ def export_batch(
     Raises
     ------
     ValueError
-        If an image is missing, the output holds another run, or the cluster cannot be used.
+        If an image is missing, the output holds another run or the views would be among the images, or the cluster
+        cannot be used.
     """
+    views = f"{batch.output.rstrip('/')}/{IMAGE_FOLDER}"
+    if is_below(views, images) and is_below(images, views):
+        raise ValueError(f"{views}: {IN_IMAGE_FOLDER}")
     reconstruction = read_reconstruction(model)
     paths = [path_below(images, name) for name in reconstruction.names]
     versions = list_images(images, batch.output)
