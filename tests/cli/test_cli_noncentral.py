@@ -219,3 +219,15 @@ def test_next_rejects_a_non_central_camera(run, rays_file, shots):
     status, _, err = run("next", shots, "--camera", rays_file)
     assert status == 2
     assert "which this command does not support" in err
+
+
+def test_a_distance_is_for_the_non_central_cameras_of_a_rig(run, refuses, rays_file, tmp_path):
+    rays, lens = om.load(rays_file), om.fisheye(64, 180)
+    rig = om.Rig((lens, rays), (om.Pose(), om.Pose(np.eye(3), [-0.1, 0, 0])), ("lens", "rays"))
+    mixed, out = om.save(rig, tmp_path / "mixed.json").path, tmp_path / "out.json"
+    assert run("convert", mixed, "--to", "native", "--distance", "inf", "-o", out)[0] == 0
+    assert om.load(out, name="lens").model == lens.model
+    assert isinstance(om.load(out, name="rays"), om.Camera)
+    lenses = om.save(om.Rig((lens, lens), rig.sensor_from_rig, rig.names), tmp_path / "lenses.json").path
+    message = refuses("convert", lenses, "--to", "native", "--distance", "inf", "-o", out)
+    assert "lens is central: leave it out" in message

@@ -86,10 +86,12 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     source = rig.inverted() if options.invert_extrinsics else rig
     if Ocam.name not in target.MODELS or options.model not in (None, Ocam.name):
         source = with_upright_ocam(source)
+    is_central = all(isinstance(sensor, Camera) for sensor in source.cameras)
     cameras: list[Camera] = []
     conversions: list[Conversion | None] = []
     for name, sensor in zip(source.names, source.cameras, strict=True):
-        central = central_approximation(sensor, options.distance, f"{path}, {name}")
+        distance = options.distance if is_central or not isinstance(sensor, Camera) else None
+        central = central_approximation(sensor, distance, f"{path}, {name}")
         try:
             camera, conversion = convert_camera(central, target, options)
         except ConversionError as error:
