@@ -1,6 +1,7 @@
 """omnisight simulate --export: the files agree with the data set, read by the rules of each format."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 import omnisight as om
 from omnisight.formats import load, load_rig, save
 from omnisight.images import read_image
+from omnisight.models import model_class
 from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
@@ -207,3 +209,19 @@ def test_rigs_are_exported_with_a_folder_for_each_camera(run, tmp_path):
     assert (out / "colmap" / "images" / "side" / "000001.png").is_file()
     assert "front/000000.png,side/000000.png" in (out / "covisibility" / "covisibility.csv").read_text()
     assert len(load_rig(out / "rig.json")) == 2
+
+
+def test_euroc_names_of_the_lens(run, tmp_path):
+    lens = om.perspective((48, 48), 90)
+    values = {"fx": 24.0, "fy": 24.0, "cx": 23.5, "cy": 23.5, "k1": -0.01, "k2": 0.0, "p1": 0.0, "p2": 0.0, "k3": 0.0}
+    model = model_class("radial_tangential").from_dict(values)
+    # A pose of another file must not contradict T_BS.
+    save(replace(lens, model=model, extra={"T_cam_imu": np.eye(4).tolist()}), tmp_path / "lens.json")
+    options = "--frames", 1, "--rays", 1, "--imu", 50, "--export", "euroc", "-o", tmp_path / "out"
+    assert run("simulate", "lines", "--camera", tmp_path / "lens.json", *options)[0] == 0
+    file = tmp_path / "out" / "euroc" / "mav0" / "cam0" / "sensor.yaml"
+    assert (
+        "\ndistortion_model: radial-tangential\ndistortion_coefficients: [-0.01, 0.0, 0.0, 0.0]\n" in file.read_text()
+    )
+    assert "T_cam_imu" not in file.read_text()
+    assert load(file).model == model

@@ -1,6 +1,7 @@
 """EuRoC's ASL format: images, IMU and ground truth of a visual-inertial sequence."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,11 @@ STATE_HEADER = (
     "b_w_RS_S_x [rad s^-1],b_w_RS_S_y [rad s^-1],b_w_RS_S_z [rad s^-1],"
     "b_a_RS_S_x [m s^-2],b_a_RS_S_y [m s^-2],b_a_RS_S_z [m s^-2]"
 )
+# Names of Kalibr, and those of EuRoC.
+EUROC_NAMES = {
+    "distortion_coeffs:": "distortion_coefficients:",
+    "distortion_model: radtan": "distortion_model: radial-tangential",
+}
 IMU_YAML = """sensor_type: imu
 comment: simulated
 T_BS:
@@ -82,15 +88,20 @@ def _states(sequence: SimulatedSequence) -> NDArray[np.float64]:
 
 
 def _lens(camera: MountedCamera) -> str:
-    """Return the fields of the lens in Kalibr's terms; raise ValueError with the remedy if it has none."""
+    """Return the fields of the lens, with the names of EuRoC; raise ValueError with the remedy if Kalibr has none."""
     label = f"camera {camera.name}" if camera.name else "the camera"
     if not isinstance(camera.camera, Camera):
         raise ValueError(f"--export euroc: {label} is non-central, and EuRoC's sensor.yaml has central cameras only")
+    # Without poses of the camera's own file, which T_BS replaces.
+    bare = replace(camera.camera, extra={})
     try:
-        lines = kalibr.serialize(camera.camera)[0].splitlines()[1:]
+        lines = kalibr.serialize(bare)[0].splitlines()[1:]
     except ValueError as error:
         raise ValueError(f"--export euroc: {label}: Kalibr {error}") from error
-    return "".join(f"{line.strip()}\n" for line in lines)
+    text = "".join(f"{line.strip()}\n" for line in lines)
+    for of_kalibr, of_euroc in EUROC_NAMES.items():
+        text = text.replace(of_kalibr, of_euroc)
+    return text
 
 
 def _matrix(pose: Pose) -> str:
