@@ -1,5 +1,6 @@
 """omnisight stereo, on rendered images of a room whose distances are known."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -98,6 +99,14 @@ def test_the_points_are_those_of_the_scene_in_the_left_frame(result, pair, scene
     directions = (in_world - SETUP.world_from_cam.translation) / distance[:, None]
     expected = scene.cast(SETUP.world_from_cam.translation, directions).distances
     assert np.median(np.abs(distance / expected - 1)) < 0.03
+
+
+def test_points_of_images_of_16_bits_have_colors(result):
+    left = result.photos[0]
+    deep = dataclasses.replace(
+        result, photos=(left._replace(image=left.image.astype(np.uint16) * 257), result.photos[1])
+    )
+    np.testing.assert_array_equal(deep.points()[1], result.points()[1])
 
 
 def test_files_and_report(run, pair, result, tmp_path):

@@ -14,6 +14,7 @@ from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.images import to_gray8
+from omnisight.images.colors import colors_at
 from omnisight.optim.loss import NORMAL_MEDIAN
 from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.inputs.camera_sources import RigSource
@@ -159,9 +160,10 @@ class StereoResult(Displayed):
         """Return the points (N, 3) in the frame of the left camera, and their colours (N, 3), RGB."""
         rows, columns = np.nonzero(self.known)
         left = self.photos[0]
-        bearings, valid = left.camera.unproject(np.stack([columns, rows], -1))
+        pixels = np.stack([columns, rows], -1).astype(float)
+        bearings, valid = left.camera.unproject(pixels)
         points = bearings * self.distance[rows, columns, None]
-        return points[valid], _rgb8(left.image)[rows, columns][valid]
+        return points[valid], colors_at(left.image, pixels[valid])
 
 
 def stereo(
@@ -264,10 +266,3 @@ def _failure(photos: tuple[Photo, Photo], check: RigCheck, dense: DenseStereo) -
     if not np.isfinite(dense.distance).any():
         return check.warning or "no pixel has a distance: all points are too far for the baseline, or not matched"
     return ""
-
-
-def _rgb8(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image as (H, W, 3) of uint8."""
-    if image.ndim == 3 and image.dtype == np.uint8:
-        return image[..., :3]
-    return np.repeat(to_gray8(image)[..., None], 3, axis=2)
