@@ -165,6 +165,15 @@ def test_metashape_calibrations_inside_cameras_xml(load_text):
     assert (camera.model.fx, camera.model.cx, camera.size) == (1700.0, 1919.5, (3840, 2160))
 
 
+def test_metashape_sensors_that_were_not_adjusted_are_read(tmp_path):
+    size = '<resolution width="3840" height="2160"/>'
+    one = '<calibration type="fisheye" class="{}">' + size + "<f>{}</f><k1>0.05</k1></calibration>"
+    sensors = [one.format("initial", 1600) + one.format("adjusted", 1700), one.format("initial", 1800)]
+    text = "".join(f'<sensor id="{i}">{sensor}</sensor>' for i, sensor in enumerate(sensors))
+    (tmp_path / "cameras.xml").write_text(f"<document><chunk><sensors>{text}</sensors></chunk></document>")
+    assert [camera.model.fx for camera in load_all(tmp_path / "cameras.xml").values()] == [1700.0, 1800.0]
+
+
 def test_metashape_refuses_unsupported_cameras(load_text):
     with pytest.raises(FormatError, match=r"frame with k4 = 0\.1 is not supported; calibrate with these fixed"):
         load_text(METASHAPE.format(kind="frame").replace("<b1>2.5</b1>", "<k4>0.1</k4>"))

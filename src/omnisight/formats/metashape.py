@@ -52,13 +52,15 @@ def matches(text: str) -> bool:
 
 
 def parse(text: str) -> Mapping[str, Camera]:
-    """Read every calibration; an adjusted calibration supersedes the initial one."""
+    """Read the calibration of every sensor; an adjusted one supersedes the initial one."""
     target = _Calibrations()
     read_xml(text, target)
-    adjusted = [fields for fields in target.all if fields.get("class") == "adjusted"] or target.all
+    found = list(zip(target.all, target.sensors, strict=True))
+    adjusted = {sensor for fields, sensor in found if fields.get("class") == "adjusted"}
+    used = [fields for fields, sensor in found if fields.get("class") == "adjusted" or sensor not in adjusted]
     cameras: dict[str, Camera] = {}
-    for fields in adjusted:
-        name = "camera" if len(adjusted) == 1 else f"camera{len(cameras)}"
+    for fields in used:
+        name = "camera" if len(used) == 1 else f"camera{len(cameras)}"
         cameras[name] = _camera(fields)
     return cameras
 
@@ -93,15 +95,20 @@ class _Calibrations:
 
     def __init__(self) -> None:
         self.all: list[dict[str, Any]] = []
+        self.sensors: list[int] = []  # of each calibration: fixed ones are not adjusted
+        self.sensor = 0
         self.open: dict[str, Any] | None = None
         self.words: list[str] = []
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self.words = []
-        if tag == "calibration":
+        if tag == "sensor":
+            self.sensor += 1
+        elif tag == "calibration":
             # In cameras.xml these are attributes, and `projection` is `type`.
             self.open = {"projection": attributes.get("type"), "class": attributes.get("class")}
             self.all.append(self.open)
+            self.sensors.append(self.sensor)
         elif tag == "resolution" and self.open is not None:
             self.open |= {side: scalar(attributes.get(side, "")) for side in ("width", "height")}
 
