@@ -142,3 +142,13 @@ def test_poses_in_a_map_of_unknown_uncertainty_are_written_without_it(run, known
         (None,) * 3
     }
     assert "nan" not in run(*arguments)[1]
+
+
+def test_a_map_of_images_from_one_place_is_warned_about(run, tmp_path):
+    for k in range(3):
+        pose = om.Pose(exp([0, 0.4 * k, 0.1 * k]), np.zeros(3))
+        image = Renderer(om.sphere(480), pose, scene_named("room"), samples=4)().image
+        om.write_image(tmp_path / f"{k}.png", image)
+    status, out, err = run("map", tmp_path, "-o", tmp_path / "map")
+    assert status == 0, err
+    assert "warning   without points no image can be localized: take images from different places" in out

@@ -49,6 +49,8 @@ def print_map(made: VisualMap, result: ReconstructionResult, output: Path) -> No
     model, (images, degrees) = made.reconstruction, made.longest_track
     print(f"map       {len(model)} of {result.images} images, {len(model.points)} points in {_unit(made)}")
     print(f"tracks    longest in {images} images, widest over {degrees:.0f}° of the view")
+    if not len(model.points):
+        print("warning   without points no image can be localized: take images from different places")
     for warning in [*weaknesses(model), *focal_length_warnings(result)]:
         print(f"warning   {warning}")
     for name, reason in missing_images(result).items():
