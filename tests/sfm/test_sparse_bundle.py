@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
@@ -11,6 +12,7 @@ from omnisight.optim.loss import StudentT
 from omnisight.sfm import bundle_adjustment
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.common_points import strongly_connected_frames
+from omnisight.sfm.linearized_bundle import Prior
 from omnisight.sfm.measurements import MeasuredDistance, MeasuredPositions
 from sfm.test_free_cameras import TRUE
 from sfm.test_free_cameras import problem as problem_of_a_camera
@@ -116,3 +118,23 @@ def test_robust_variances_of_many_cameras_are_close_to_the_exact_ones(monkeypatc
     # The standard deviation of each ratio is sqrt(2 / 512) = 0.06.
     assert not np.array_equal(sampled, exact)
     np.testing.assert_allclose(sampled / exact, 1.0, atol=0.25)
+
+
+def test_a_point_at_a_camera_is_recognized():
+    bundle = frames()
+    assert not bundle.start.coincide_with_cameras(bundle.rays).any()
+    first = bundle.start.rig_from_world[bundle.rays.frame[bundle.starts[7]]]
+    points = bundle.start.points.copy()
+    points[7] = -first[:, :3].T @ first[:, 3] + 1e-6
+    at_camera = replace(bundle.start, points=points).coincide_with_cameras(bundle.rays)
+    assert np.flatnonzero(at_camera).tolist() == [7]
+
+
+def test_the_information_of_a_prior_of_few_columns_is_sparse():
+    # A dense product of all columns would take 28 GB.
+    derivatives = csr_array((np.array([2.0, 3.0]), np.array([0, 5]), np.array([0, 2])), (1, 60_000))
+    row, column, values = Prior(np.zeros(1), derivatives).information(60_000)
+    found = dict(zip(zip(row.tolist(), column.tolist(), strict=True), values.tolist(), strict=True))
+    assert found == {(0, 0): 4.0, (5, 0): 6.0, (5, 5): 9.0}
+    nothing = csr_array((0, 60_000))
+    assert [len(each) for each in Prior(np.zeros(0), nothing).information(60_000)] == [0, 0, 0]

@@ -127,8 +127,7 @@ class Bundle:
         if self.parameters[2] <= MAX_FACTORED_COLUMNS:
             return None
         frame, cameras = self.rays.frame, self.cameras
-        of_frame, points = self.start.rig_from_world[frame], self.start.points[self.rays.point]
-        distance = np.linalg.norm(np.einsum("mij,mj->mi", of_frame[:, :, :3], points) + of_frame[:, :, 3], axis=1)
+        distance = self.start.distances(self.rays)
         is_strong = strongly_connected_frames(frame, self.rays.point, distance, STRONG_SHARE)
         part = divided_points(frame, self.rays.point, is_strong)
         order = np.argsort(part, kind="stable")

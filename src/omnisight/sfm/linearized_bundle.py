@@ -37,10 +37,9 @@ class Prior(NamedTuple):
     residuals: Array
     derivatives: csr_array
 
-    def information(self) -> tuple[Indices, Indices, Array]:
+    def information(self, count: int) -> tuple[Indices, Indices, Array]:
         """Return the rows, columns and values of the lower triangle of the information (C, C) of the cameras."""
-        rows, columns = len(self.residuals), self.derivatives.indices
-        if len(columns) < MIN_DENSE_SHARE * rows * (int(columns.max(initial=-1)) + 1):
+        if len(self.derivatives.indices) <= MIN_DENSE_SHARE * len(self.residuals) * count:
             product = (self.derivatives.T @ self.derivatives).tocoo()
         else:
             dense = self.derivatives.toarray()
@@ -231,7 +230,7 @@ class LinearizedBundle:
         for part in others:
             for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
-        row, column, values = self.prior.information()
+        row, column, values = self.prior.information(self.count)
         matrix.values[cameras.pattern.addresses(row, column)] += values
         diagonal[row[row == column]] += values[row == column]
         right += self.prior.derivatives.T @ self.prior.residuals

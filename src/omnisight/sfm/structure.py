@@ -12,6 +12,8 @@ Indices = NDArray[np.intp]
 
 # Observations per task of a thread.
 RAYS_PER_TASK = 16384
+# Least distance of a point from a ray's origin, relative to its largest one, below which they coincide.
+MIN_DISTANCE_RATIO = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +83,18 @@ class Structure:
             RAYS_PER_TASK,
         )
         return squares
+
+    def distances(self, rays: RayObservations) -> Array:
+        """Return the distances (M,) of the points from the origins of their rays."""
+        of_frame, of_sensor = self.rig_from_world[rays.frame], self.sensor_from_rig[rays.sensor]
+        in_rig = np.einsum("mij,mj->mi", of_frame[:, :, :3], self.points[rays.point]) + of_frame[:, :, 3]
+        in_sensor = np.einsum("mij,mj->mi", of_sensor[:, :, :3], in_rig) + of_sensor[:, :, 3]
+        return np.linalg.norm(in_sensor - rays.origins, axis=1)
+
+    def coincide_with_cameras(self, rays: RayObservations) -> NDArray[np.bool_]:
+        """Return which points (P,) are at a camera: any motion of the camera around them changes their direction."""
+        distances, count = self.distances(rays), len(self.points)
+        nearest, farthest = np.full(count, np.inf), np.zeros(count)
+        np.minimum.at(nearest, rays.point, distances)
+        np.maximum.at(farthest, rays.point, distances)
+        return nearest < MIN_DISTANCE_RATIO * farthest
