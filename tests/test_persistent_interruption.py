@@ -13,6 +13,14 @@ import pytest
 from omnisight.persistent_interruption import persistent_interruption, until_interrupted
 
 
+@pytest.fixture(autouse=True)
+def handled():
+    """Handle SIGINT as in a terminal; shells start background jobs with the signal ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def press():
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.01)  # the handler runs
