@@ -1,7 +1,7 @@
 """Conversion of calibration files: the counterpart of `omnisight convert`."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,8 +86,7 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
         cannot be fitted.
     """
     path, target = Path(path), target_format(options)
-    output = Path(options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}"))
-    refuse_overwrite([output], [path])
+    output = converted_file([path], target, options)
     if options.invert_extrinsics:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
@@ -112,6 +111,13 @@ def target_format(options: ConvertOptions) -> Format:
     if options.format in model_names():
         raise ValueError(f"{options.format} is a camera model, not a format: --to native --model {options.format}")
     return get_format(options.format)
+
+
+def converted_file(paths: Sequence[Path], target: Format, options: ConvertOptions) -> Path:
+    """Return the file to write; raise ValueError if it is one of the files that are read."""
+    output = Path(options.output or paths[0].with_name(f"{paths[0].stem}-{options.format}{target.SUFFIX}"))
+    refuse_overwrite([output], paths)
+    return output
 
 
 def refuse_unused_angle(conversions: Iterable[Conversion | None], options: ConvertOptions) -> None:

@@ -10,11 +10,11 @@ from omnisight.camera import Camera
 from omnisight.conversion import Conversion
 from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
-from omnisight.images.output_paths import refuse_overwrite
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.conversion.convert import (
     ConversionError,
     convert_camera,
+    converted_file,
     refuse_unused_angle,
     target_format,
 )
@@ -70,8 +70,7 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     """
     paths = [Path(path)] if isinstance(path, str | Path) else [Path(item) for item in path]
     path, target = paths[0], target_format(options)
-    output = Path(options.output or path.with_name(f"{path.stem}-{options.format}{target.SUFFIX}"))
-    refuse_overwrite([output], paths)
+    output = converted_file(paths, target, options)
     if options.flip:
         raise ValueError(f"{path}: --flip is for one camera, and a rig is converted: specify --name")
     if options.format not in rig_format_names():

@@ -18,7 +18,7 @@ from omnisight.targets.subpixel.point_fits import PointFits
 def detect(gray: NDArray[np.uint8], board: Board) -> list[Detection]:
     """Detect all boards of this kind in a gray image (H, W) of uint8, the one with most points first.
 
-    A board of which only points on one line are visible, which determine no pose, is left out.
+    A board is left out if its visible points lie on one line: they do not determine its pose.
 
     Raises
     ------
