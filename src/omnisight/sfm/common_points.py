@@ -18,10 +18,9 @@ def common_points(frame: Indices, point: Indices) -> csr_array:
 
 def frames_with_common_points(common: csr_array, least: int) -> NDArray[np.bool_]:
     """Return which pairs of frames (F, F) have at least this number of points in common."""
-    pairs, is_connected = common.tocoo(), np.eye(len(common.indptr) - 1, dtype=bool)
+    pairs = common.tocoo()
     enough = pairs.data >= least
-    is_connected[pairs.row[enough], pairs.col[enough]] = True
-    return is_connected
+    return _connections(len(common.indptr) - 1, pairs.row[enough], pairs.col[enough])
 
 
 def strongly_connected_frames(frame: Indices, point: Indices, distance: Array, least: float) -> NDArray[np.bool_]:
@@ -47,9 +46,7 @@ def strongly_connected_frames(frame: Indices, point: Indices, distance: Array, l
     common = seen @ seen.T
     pairs, total = common.tocoo(), common.diagonal()
     strong = pairs.data >= least * np.minimum(total[pairs.row], total[pairs.col])
-    is_connected = np.eye(len(total), dtype=bool)
-    is_connected[pairs.row[strong], pairs.col[strong]] = True
-    return is_connected
+    return _connections(len(total), pairs.row[strong], pairs.col[strong])
 
 
 def divided_points(frame: Indices, point: Indices, is_connected: NDArray[np.bool_]) -> Indices:
@@ -67,3 +64,10 @@ def divided_points(frame: Indices, point: Indices, is_connected: NDArray[np.bool
     part, starts = np.empty(len(frame), np.intp), np.searchsorted(point, np.arange(int(point[-1]) + 2))
     divide_tracks(starts, frame, is_connected, part)
     return part
+
+
+def _connections(count: int, row: NDArray[np.integer], column: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Return which pairs of frames (F, F) are among some (N,), or are one frame."""
+    is_connected = np.eye(count, dtype=bool)
+    is_connected[row, column] = True
+    return is_connected
