@@ -1,6 +1,7 @@
 """Central cameras as modules: projection, unprojection and remap with derivatives."""
 
 import dataclasses
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -8,9 +9,9 @@ from torch import Tensor, nn
 from omnisight.camera import Camera as NumpyCamera
 from omnisight.torch import fused_kernels
 from omnisight.torch.evaluation import Evaluation, fast_code
-from omnisight.torch.formulas import BoundFormula, Bounds, Formula, Method
+from omnisight.torch.formulas import BoundFormula, BoundMap, Bounds, Formula, Method
 from omnisight.torch.sampling import sample
-from omnisight.torch.tensor_functions import has_derivative
+from omnisight.torch.tensor_functions import constant, has_gradient
 
 # Spacing of the pixels at which the footprint of a map is computed: it changes slowly.
 FOOTPRINT_STEP_PX = 8
@@ -68,7 +69,7 @@ class Camera(nn.Module):
         return dataclasses.replace(self._camera, model=self._bound("project").numpy_model, covariance=None)
 
     def compile(self) -> None:  # pyright: ignore[reportIncompatibleMethodOverride] -- without options of the compiler
-        """Fuse the operations of each function to one kernel on a GPU, compiled at its first call.
+        """Fuse the operations of each function to one or a few kernels on a GPU, compiled at its first call.
 
         Compilation takes seconds for a closed formula, 20 s for an iteration, and is repeated for another type of
         points. It changes nothing on the CPU, whose loops are compiled, and inside `torch.compile`, which fuses itself.
@@ -150,18 +151,11 @@ class Camera(nn.Module):
         valid
             (..., height, width), whether the pixel lies in the image of this camera.
         """
-        project, unproject = self._bound("project"), target._bound("unproject")
-        parameters = *project.parameters, *unproject.parameters
-        rotation = torch.eye(3, device=parameters[0].device) if target_from_source is None else target_from_source
-        _check(rotation, 3, "target_from_source")
-        code = fast_code(self._is_fused, rotation, *parameters)
-        if code is not None and not any(map(has_derivative, (rotation, *parameters))):
-            return code.view_map(project, unproject, rotation.mT, target.size, self._bounds)
-        bearings, seen = target.unproject(target.grid(rotation.dtype))
-        # Without NaN, which would propagate to the derivative of the rotation.
-        bearings = torch.where(seen[..., None], bearings, 0.0) @ rotation.unsqueeze(-3)
-        pixels, valid = self.project(bearings)
-        return pixels, valid & seen & self._bounds.contain(*pixels.unbind(-1))
+        view = self._bound_map(target, target_from_source)
+        code = fast_code(self._is_fused, *view.variables)
+        if code is not None and not has_gradient(*view.variables):
+            return code.view_map(view)
+        return self._map_at(target.grid(view.rotation.dtype), target, view.rotation)
 
     def remap(
         self, image: Tensor, target: "Camera", target_from_source: Tensor | None = None, *, antialias: bool = True
@@ -192,14 +186,41 @@ class Camera(nn.Module):
         if tuple(image.shape[-2:]) != self.size[::-1]:
             found, expected = f"{image.shape[-1]}x{image.shape[-2]}", f"{self.size[0]}x{self.size[1]}"
             raise ValueError(f"the image is {found} px, but its camera {expected}: scale the camera (Camera.scaled)")
+        view, periodic = self._bound_map(target, target_from_source), self.period is not None
+        inputs = image, *view.variables
+        is_fused = fast_code(self._is_fused, *inputs) is fused_kernels and not has_gradient(*inputs)
+        if is_fused and fused_kernels.can_remap(view, image):
+            footprint = self._footprint(*self._neighbours(target, view.rotation)) if antialias else None
+            return fused_kernels.remap(view, image, footprint, periodic=periodic)
         pixels, valid = self.map(target, target_from_source)
-        footprint = self._footprint(pixels) if antialias else None
-        return sample(image, pixels, valid, footprint=footprint, periodic=self.period is not None), valid
+        footprint = self._footprint(*(pixels[..., v, u, :] for u, v in target._sparse_grid())) if antialias else None
+        return sample(image, pixels, valid, footprint=footprint, periodic=periodic), valid
 
     def _bound(self, method: Method) -> BoundFormula:
         """Return the formula of a method with the parameters of this camera."""
-        formula = self._formulas[method]
-        return BoundFormula(formula, [getattr(self, name) for name in formula.fields])
+        formula, own = self._formulas[method], self._parameters
+        # Attributes of a module are slow; functions of parameters (torch.nn.utils.parametrize) are attributes only.
+        values: Any = [own[name] if name in own else getattr(self, name) for name in formula.fields]
+        return BoundFormula(formula, values)
+
+    def _bound_map(self, target: "Camera", target_from_source: Tensor | None) -> BoundMap:
+        """Return the map of a view; see `map`."""
+        project, unproject = self._bound("project"), target._bound("unproject")
+        rotation = target_from_source
+        if rotation is None:
+            like = torch.empty(0, dtype=torch.float32, device=project.parameters[0].device)
+            rotation = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), like)
+        _check(rotation, 3, "target_from_source")
+        return BoundMap(project, unproject, rotation.mT, target.size, self._bounds)
+
+    def _map_at(self, grid: Tensor, target: "Camera", source_from_target: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the pixels (..., *shape, 2) that the pixels (*shape, 2) of a view show, and which are valid."""
+        bearings, seen = target.unproject(grid)
+        rotation = source_from_target.mT.reshape(*source_from_target.shape[:-2], *(1,) * (grid.ndim - 3), 3, 3)
+        # Without NaN, which would propagate to the derivative of the rotation.
+        bearings = torch.where(seen[..., None], bearings, 0.0) @ rotation.unsqueeze(-3)
+        pixels, valid = self.project(bearings)
+        return pixels, valid & seen & self._bounds.contain(*pixels.unbind(-1))
 
     @property
     def _bounds(self) -> Bounds:
@@ -207,29 +228,43 @@ class Camera(nn.Module):
         (width, height), seam = self.size, 0.0 if self.period is None else 0.5
         return Bounds(-0.5 - seam, width - 0.5 + seam, -0.5, height - 0.5)
 
+    def _sparse_grid(self) -> list[tuple[Tensor, Tensor]]:
+        """Return columns (columns,) and rows (rows, 1) of every eighth pixel, and of those below and right of them."""
+        width, height = self.size
+        device = next(self.parameters()).device
+        u, v = (
+            torch.arange(0, count, FOOTPRINT_STEP_PX, device=device).clamp(max=max(count - 2, 0)) for count in self.size
+        )
+        v = v[:, None]
+        return [(u, v), (u, torch.clamp_max(v + 1, height - 1)), (torch.clamp_max(u + 1, width - 1), v)]
+
     @torch.no_grad()
-    def _footprint(self, pixels: Tensor) -> Tensor:
-        """Return how many pixels of this camera a pixel of a map (..., height, width, 2) spans in its denser direction.
+    def _neighbours(self, target: "Camera", source_from_target: Tensor) -> tuple[Tensor, ...]:
+        """Return the pixels (..., rows, columns, 2) of this camera that `_sparse_grid` of a view shows."""
+        grids = [torch.stack(torch.broadcast_tensors(u, v), -1) for u, v in target._sparse_grid()]
+        pixels, _ = self._map_at(torch.stack(grids).to(source_from_target.dtype), target, source_from_target)
+        return pixels.unbind(-4)
+
+    @torch.no_grad()
+    def _footprint(self, start: Tensor, below: Tensor, right: Tensor) -> Tensor:
+        """Return how many pixels of this camera a pixel of a view spans in its denser direction, 1 where unknown.
 
         In a periodic image columns are weighted by the cosine of the latitude, because near a pole many of them have
-        nearly the same direction. 1 where unknown. Computed for every eighth row and column (..., rows, columns).
+        nearly the same direction.
+
+        Parameters
+        ----------
+        start, below, right
+            (..., rows, columns, 2) the pixels of this camera that `_sparse_grid` of the view shows.
         """
-        height, width = pixels.shape[-3:-1]
-        rows, columns = (
-            torch.arange(0, count, FOOTPRINT_STEP_PX, device=pixels.device).clamp(max=max(count - 2, 0))
-            for count in (height, width)
-        )
-        start = pixels[..., rows[:, None], columns, :]
         scale = torch.ones_like(start[..., 0])
         if self.period is not None:
             v = start[..., 1]
             bearings, _ = self.unproject(torch.stack([torch.full_like(v, self.size[0] / 2), v], -1))
             scale = torch.hypot(bearings[..., 0], bearings[..., 2])
         footprint = torch.ones_like(scale)
-        for below, right in ((1, 0), (0, 1)):
-            if (below and height < 2) or (right and width < 2):
-                continue
-            du, dv = (pixels[..., rows[:, None] + below, columns + right, :] - start).unbind(-1)
+        for neighbour in (below, right):
+            du, dv = (neighbour - start).unbind(-1)
             if self.period is not None:
                 du = du - self.period * torch.round(du / self.period)
             length = torch.hypot(du * scale, dv)
@@ -241,7 +276,7 @@ class Camera(nn.Module):
         code = fast_code(self._is_fused, array, *function.parameters)
         if code is None:
             return function.evaluate(array)
-        if not (torch.is_grad_enabled() and any(x.requires_grad for x in (array, *function.parameters))):
+        if not has_gradient(array, *function.parameters):
             return code.values(function, array)
         return Evaluation.apply(code, function, array, *function.parameters)
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from omnisight.models import CameraModel
 from omnisight.parallel import parallel_for
-from omnisight.torch.formulas import BoundFormula, Bounds, Method
+from omnisight.torch.formulas import BoundFormula, BoundMap, Bounds, Method
 
 # Points whose Jacobians are computed at once.
 BLOCK = 4096
@@ -42,31 +42,17 @@ def gradients(
     return torch.from_numpy(by_array).reshape(array.shape).to(array.dtype), *shaped
 
 
-def view_map(
-    project: BoundFormula, unproject: BoundFormula, rotation: Tensor, size: tuple[int, int], bounds: Bounds
-) -> tuple[Tensor, Tensor]:
-    """Return the pixels of a source that the pixels of a view show, and where there are any.
-
-    Parameters
-    ----------
-    project, unproject
-        The functions of the source and of the view.
-    rotation
-        (..., 3, 3) rotations of bearings from the view to the source.
-    size
-        (width, height) of the view.
-    bounds
-        Bounds of the pixels that the image of the source covers.
-    """
+def view_map(view: BoundMap) -> tuple[Tensor, Tensor]:
+    """Return the pixels (..., h, w, 2) of a source that the pixels of a view show, and where there are any."""
     from omnisight.models._kernels import compiled  # imports numba, which takes a quarter of a second
 
-    source, target = project.numpy_model, unproject.numpy_model
+    source, target, rotation = view.project.numpy_model, view.unproject.numpy_model, view.rotation
     loop, kernels = compiled("map_view", target.name, source.name), (target.kernel, source.kernel)
-    shape = *rotation.shape[:-2], size[1], size[0]
+    shape = *rotation.shape[:-2], *view.size[::-1]
     pixels, valid = rotation.new_empty(*shape, 2), rotation.new_empty(shape, dtype=torch.bool)
-    for view in np.ndindex(rotation.shape[:-2]):
-        matrix = np.ascontiguousarray(rotation[view].detach().numpy(), dtype=float)
-        _fill(partial(loop, *kernels, matrix), bounds, pixels[view].numpy(), valid[view].numpy())
+    for index in np.ndindex(rotation.shape[:-2]):
+        matrix = np.ascontiguousarray(rotation[index].detach().numpy(), dtype=float)
+        _fill(partial(loop, *kernels, matrix), view.bounds, pixels[index].numpy(), valid[index].numpy())
     return pixels, valid
 
 

@@ -6,7 +6,7 @@ without looking inside.
 
 import dataclasses
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -42,28 +42,31 @@ def numpy_model(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
     ValueError
         If a value is not finite.
     """
-    if parameters[0].device.type == "cpu" or any(parameter.is_inference() for parameter in parameters):
+    if parameters[0].device.type == "cpu":
         return _model_of_values(parameters, model)
-    return model_by_version(parameters, model)
+    return kept_by_version(parameters, (model,), lambda: _model_of_values(parameters, model))
 
 
-# The last cameras on other devices, by the memory and the version of their parameters, which are kept: the memory of a
-# freed tensor may be used again.
-_latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], CameraModel]] = OrderedDict()
+# What was computed of the last parameters, by their memory and version. The parameters are kept: the memory of a freed
+# tensor may be used again.
+_latest: OrderedDict[tuple[Any, ...], tuple[list[torch.Tensor], Any]] = OrderedDict()
 
 
-def model_by_version(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:
-    """Return the NumPy model without reading the parameters unless they changed.
+def kept_by_version(parameters: Sequence[torch.Tensor], key: tuple[Any, ...], compute: Callable[[], Any]) -> Any:
+    """Return a result that depends on a key and on parameters, without reading the parameters unless they changed.
 
     Changes are noticed by the version of a tensor, which in-place changes of `parameter.data` do not count: change the
     parameters themselves, in `torch.no_grad()`.
     """
-    key = (model, *((parameter.data_ptr(), parameter._version) for parameter in parameters))
-    if key not in _latest:
-        _latest[key] = [parameter.detach() for parameter in parameters], _model_of_values(parameters, model)
+    if any(parameter.is_inference() for parameter in parameters):  # have no version
+        return compute()
+    key = *key, *[parameter.data_ptr() for parameter in parameters], *[parameter._version for parameter in parameters]
+    found = _latest.get(key)
+    if found is None:
+        found = _latest[key] = [parameter.detach() for parameter in parameters], compute()
         if len(_latest) > CACHED_CAMERAS:
             _latest.popitem(last=False)
-    return _latest[key][1]
+    return found[1]
 
 
 def _model_of_values(parameters: Sequence[torch.Tensor], model: str) -> CameraModel:

@@ -19,10 +19,9 @@ def fast_code(fused: bool, *tensors: Tensor) -> Any:
     """Return the module that evaluates functions of these inputs, or None for the formulas; `fused` allows kernels."""
     if is_transformed():
         return None
-    devices = {x.device.type for x in tensors}
-    if devices == {"cpu"}:
+    if all(x.is_cpu for x in tensors):
         return compiled_loops
-    return fused_kernels if fused and devices == {"cuda"} else None
+    return fused_kernels if fused and all(x.is_cuda for x in tensors) else None
 
 
 class Evaluation(torch.autograd.Function):

@@ -50,8 +50,8 @@ class Formula:
         Names of its parameters.
     parameter_count, vector_length
         Number of values of the parameters, and of these and the constants.
-    has_tables
-        Whether some of these are vectors.
+    tables
+        Names of the parameters that the formulas index.
     """
 
     def __init__(self, method: Method, model: CameraModel) -> None:
@@ -62,10 +62,10 @@ class Formula:
         self._shapes = {name: np.shape(value) for name, value in (parameters | constants).items()}
         self._counts = [int(np.prod(shape)) for shape in self._shapes.values()]
         self.parameter_count, self.vector_length = sum(self._counts[: len(self.fields)]), sum(self._counts)
-        self.has_tables = any(self._shapes.values())
         # Compiled loops take tuples as they are, unless their kernel has arrays in their place.
-        taken = self.model.kernel_type._fields
-        self._unbound = [name for name in self.fields if name in taken and isinstance(getattr(model, name), tuple)]
+        taken, tuples = self.model.kernel_type._fields, [n for n in self.fields if isinstance(parameters[n], tuple)]
+        self._unbound = [name for name in tuples if name in taken]
+        self.tables = [name for name in tuples if name not in taken]
         self._key = method, self.model, tuple(self._shapes.values())
 
     def __eq__(self, other: object) -> bool:
@@ -89,7 +89,7 @@ class Formula:
         with torch.no_grad():
             values, valid = self.values(array, m if numbers is None else numbers, iterations)
         if by_parameters or has_derivative(array):
-            values, _ = self.values(self.inside(array, valid, m), m, iterations)
+            values = torch.stack(self.components(self.inside(array.unbind(-1), valid, m), m, iterations)[0], -1)
         return torch.where(valid[..., None], values, torch.nan), valid
 
     def values(self, array: Tensor, m: FormulaValues, iterations: int) -> tuple[Tensor, Tensor]:
@@ -98,14 +98,14 @@ class Formula:
         return torch.stack(values, -1), valid
 
     def components(self, array: Sequence[Tensor], m: FormulaValues, iterations: int) -> tuple[list[Tensor], Tensor]:
-        """Return the components of `values` of the components of points or pixels: a compiler fuses no `stack`."""
+        """Return the components of `values` of the components of points or pixels, which a compiler fuses."""
         *values, valid = FORMULAS[self.method](m, *array, iterations)
         return values, valid & (torch.abs(values[0]) != torch.inf)
 
-    def inside(self, array: Tensor, valid: Tensor, m: FormulaValues) -> Tensor:
-        """Return points or pixels with those of the axis in place of the ones that are not valid."""
+    def inside(self, array: Sequence[Tensor], valid: Tensor, m: FormulaValues) -> list[Tensor]:
+        """Return the components of points or pixels, of those of the axis in place of the ones that are not valid."""
         axis = (0.0, 0.0, 1.0) if self.method == "project" else (m.axis_u, m.axis_v)
-        return torch.stack([torch.where(valid, x, at) for x, at in zip(array.unbind(-1), axis, strict=True)], -1)
+        return [torch.where(valid, x, at) for x, at in zip(array, axis, strict=True)]
 
     def vector(self, array: Tensor, parameters: Sequence[Tensor]) -> Tensor:
         """Return the parameters and the constants in one vector of the type of an array."""
@@ -117,9 +117,18 @@ class Formula:
 
     def values_of(self, vector: Tensor) -> FormulaValues:
         """Return the values that formulas take, of the vector of parameters and constants."""
+        return self.values_from(self.parts(vector))
+
+    def parts(self, vector: Tensor) -> list[Tensor]:
+        """Return the parameters and constants that a vector contains."""
+        shapes = self._shapes.values()
+        return [part.reshape(shape) for part, shape in zip(vector.split(self._counts), shapes, strict=True)]
+
+    def values_from(self, parts: Sequence[Tensor]) -> FormulaValues:
+        """Return the values that formulas take; a parameter that is no table may have one more axis, that of points."""
         m = FormulaValues(self.model)
-        for (name, shape), part in zip(self._shapes.items(), vector.split(self._counts), strict=True):
-            setattr(m, name, part.reshape(shape))
+        for name, part in zip(self._shapes, parts, strict=True):
+            setattr(m, name, part)
         for name, value in self.model.derived(m).items():
             setattr(m, name, value)
         for name in self._unbound:
@@ -157,6 +166,33 @@ class Bounds(NamedTuple):
     def contain(self, u: Any, v: Any) -> Any:
         """Return which pixels are covered."""
         return (u >= self.left) & (u < self.right) & (v >= self.top) & (v < self.bottom)
+
+
+class BoundMap(NamedTuple):
+    """The pixels of a source that the pixels of a view show.
+
+    Attributes
+    ----------
+    project, unproject
+        The functions of the source and of the view.
+    rotation
+        (..., 3, 3) rotations of bearings from the view to the source.
+    size
+        (width, height) of the view.
+    bounds
+        Bounds of the pixels that the image of the source covers.
+    """
+
+    project: BoundFormula
+    unproject: BoundFormula
+    rotation: Tensor
+    size: tuple[int, int]
+    bounds: Bounds
+
+    @property
+    def variables(self) -> tuple[Tensor, ...]:
+        """The rotation and the parameters of both cameras."""
+        return self.rotation, *self.project.parameters, *self.unproject.parameters
 
 
 @lru_cache(maxsize=CACHED_CAMERAS)

@@ -39,6 +39,11 @@ class Atlas(NamedTuple):
     corners: tuple[Any, ...]
     limits: tuple[Any, ...]
 
+    @property
+    def places(self) -> tuple[tuple[float, ...], ...]:
+        """The numbers (L, 6) of `corners` and `limits` of each level."""
+        return tuple((*corner, *low, *high) for corner, (low, high) in zip(self.corners, self.limits, strict=True))
+
 
 def sample(
     image: Tensor,
@@ -73,20 +78,74 @@ def sample(
     (..., channels, *shape) values.
     """
     lead = torch.broadcast_shapes(image.shape[:-3], pixels.shape[:-3])
-    shape = pixels.shape[-3:-1]
+    shape = (pixels.shape[-3], pixels.shape[-2])
     valid = torch.isfinite(pixels).all(-1) if valid is None else valid
     image = image.expand(*lead, *image.shape[-3:]).reshape(-1, *image.shape[-3:])
     pixels = pixels.to(image.dtype).expand(*lead, *shape, 2).reshape(-1, *shape, 2)
     valid = valid.expand(*lead, *shape).reshape(-1, *shape)
-    count = 0 if footprint is None else _mipmap_count(image, footprint)
-    atlas, level = _atlas(image, count, periodic), None
-    if footprint is not None and count:
-        coarse = torch.clamp(torch.log2(footprint.to(image.dtype)), 0.0, count)
-        coarse = coarse.expand(*lead, *coarse.shape[-2:]).reshape(-1, 1, *coarse.shape[-2:])
-        level = nn_functional.interpolate(coarse, shape, mode="bilinear").squeeze(1)
+    atlas, level = averaged(image, footprint, shape, periodic=periodic)
+    level = None if level is None else level.expand(*lead, *shape).reshape(-1, *shape)
     in_bands = all(x.device.type == "cpu" and not is_traced(x) and not has_derivative(x) for x in (image, pixels))
     values = (_values_in_bands if in_bands else _values)(atlas, pixels, valid, level)
     return values.reshape(*lead, image.shape[1], *shape)
+
+
+def averaged(
+    image: Tensor, footprint: Tensor | None, shape: tuple[int, int], *, periodic: bool
+) -> tuple[Atlas, Tensor | None]:
+    """Return the mipmaps of images (B, C, H, W) that footprints need, and the level (..., *shape) of each sample.
+
+    There is no level where the images are not averaged.
+    """
+    count = 0 if footprint is None else _mipmap_count(image, footprint)
+    atlas = _atlas(image, count, periodic)
+    if footprint is None or count == 0:
+        return atlas, None
+    coarse = torch.clamp(torch.log2(footprint.to(image.dtype)), 0.0, count)
+    level = nn_functional.interpolate(coarse.reshape(-1, 1, *coarse.shape[-2:]), shape, mode="bilinear")
+    return atlas, level.view(*footprint.shape[:-2], *shape)
+
+
+def interpolated(image: Tensor, places: Tensor, level: Tensor | None, u: Tensor, v: Tensor) -> list[Tensor]:
+    """Return the channels (B, h, w) of an atlas at pixels, from indexing: a compiler fuses it with what computes them.
+
+    Parameters
+    ----------
+    image, places
+        `Atlas.image` and `Atlas.places`.
+    level
+        (..., h, w) levels of averaging, as in `averaged`.
+    u, v
+        (R, h, w) pixels of the images: of each one if R = B, otherwise B or R is 1.
+    """
+    if level is None:
+        return _at_place(image, places[0], u, v)
+    level = level.reshape(-1, *level.shape[-2:])
+    below = torch.clamp_max(level.floor(), len(places) - 2)
+    fine, coarse = (
+        _at_place(image, places[k.long()], u * torch.exp2(-k), v * torch.exp2(-k)) for k in (below, below + 1)
+    )
+    return [a + (level - below) * (b - a) for a, b in zip(fine, coarse, strict=True)]
+
+
+def _at_place(image: Tensor, place: Tensor, u: Tensor, v: Tensor) -> list[Tensor]:
+    """Return the channels of an atlas at pixels (R, h, w) of the levels at places (..., 6)."""
+    left, top, u_min, v_min, u_max, v_max = place.unbind(-1)
+    x = torch.minimum(torch.maximum(u, u_min), u_max) + left
+    y = torch.minimum(torch.maximum(v, v_min), v_max) + top
+    x_0, y_0 = x.floor(), y.floor()
+    (i, i_next), (j, j_next) = (
+        (low.long(), torch.clamp_max(low.long() + 1, size - 1))
+        for low, size in zip((x_0, y_0), image.shape[:-3:-1], strict=True)
+    )
+    batch = torch.arange(len(image), device=image.device)[:, None, None]
+
+    def row(plane: Tensor, j: Tensor) -> Tensor:
+        before = plane[batch, j, i]
+        return before + (x - x_0) * (plane[batch, j, i_next] - before)
+
+    rows = ((row(plane, j), row(plane, j_next)) for plane in image.unbind(1))
+    return [above + (y - y_0) * (below - above) for above, below in rows]
 
 
 def _values(atlas: Atlas, pixels: Tensor, valid: Tensor, level: Tensor | None) -> Tensor:

@@ -4,6 +4,7 @@ from functools import lru_cache
 from typing import Any
 
 import torch
+from torch._subclasses import FakeTensor
 from torch.autograd import forward_ad
 
 from omnisight.models._elementwise import LIBRARIES, NumpyFunctions
@@ -13,9 +14,9 @@ RELAXATION = 100.0
 
 
 def is_traced(x: Any) -> bool:
-    """Return whether values of a tensor cannot be read: in `torch.compile` and in transformations of `torch.func`."""
+    """Return whether values of a tensor cannot be read: while it is compiled, and in `torch.func`."""
     functorch: Any = torch._C._functorch  # pyright: ignore[reportPrivateUsage, reportAttributeAccessIssue]
-    return torch.compiler.is_compiling() or functorch.is_functorch_wrapped_tensor(x)
+    return torch.compiler.is_compiling() or functorch.is_functorch_wrapped_tensor(x) or isinstance(x, FakeTensor)
 
 
 def is_transformed() -> bool:
@@ -30,9 +31,14 @@ def has_forward_derivative(x: torch.Tensor) -> bool:
     return forward_ad.unpack_dual(x).tangent is not None
 
 
+def has_gradient(*tensors: torch.Tensor) -> bool:
+    """Return whether backward derivatives by any of the tensors are recorded."""
+    return torch.is_grad_enabled() and any(x.requires_grad for x in tensors)
+
+
 def has_derivative(x: torch.Tensor) -> bool:
     """Return whether derivatives by a tensor are recorded, backward or forward."""
-    return (torch.is_grad_enabled() and x.requires_grad) or has_forward_derivative(x)
+    return has_gradient(x) or has_forward_derivative(x)
 
 
 def constant(values: tuple[Any, ...], like: torch.Tensor) -> torch.Tensor:
