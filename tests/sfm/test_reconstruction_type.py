@@ -7,7 +7,7 @@ import pytest
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
-from omnisight.sfm.reconstruction import MIN_VERIFIED
+from omnisight.sfm.verification import MIN_VERIFIED
 from reconstructing import single, without_points
 
 

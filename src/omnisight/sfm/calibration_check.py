@@ -10,7 +10,7 @@ from scipy.linalg import LinAlgError
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.features import Keypoints
-from omnisight.sfm.mapping import Map
+from omnisight.sfm.map import Map
 from omnisight.sfm.pixel_rays import FreeCameras
 
 Array = NDArray[np.float64]

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from omnisight.parallel import thread_count
 from omnisight.sfm._colmap_process import ColmapProblem
 from omnisight.sfm.initial_poses import InitialPoses
-from omnisight.sfm.mapping import Map, Watch, refine_poses
+from omnisight.sfm.map import Map
+from omnisight.sfm.mapping import Watch, refine_poses
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.view_graph import Edge
 

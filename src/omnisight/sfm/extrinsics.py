@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
-from omnisight.sfm.mapping import Map
+from omnisight.sfm.map import Map
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
-from omnisight.sfm.mapping import Map, adjust_map
+from omnisight.sfm.map import Map
+from omnisight.sfm.mapping import adjust_map
 from omnisight.sfm.measurements import MeasuredDistance, MeasuredPositions, camera_positions
 
 Array = NDArray[np.float64]

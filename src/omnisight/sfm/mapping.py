@@ -1,28 +1,26 @@
 """Mapping: poses of all frames of a view graph, and the points that their images show."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.camera import Camera
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
 from omnisight.parallel import parallel_for, parallel_map
 from omnisight.ray_camera import RayCamera
-from omnisight.sfm.bundle_adjustment import TOLERANCE, Bundle, adjust_bundle
+from omnisight.sfm.bundle_adjustment import TOLERANCE, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
-from omnisight.sfm.measurements import Measurements
+from omnisight.sfm.map import Map
 from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
 from omnisight.sfm.noise import noise_of_map
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
-from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks, build_tracks
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge, ViewGraph
 
@@ -52,79 +50,6 @@ MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
 ROUGH_TOLERANCE = 1e-5
 # Tracks per task of a thread.
 TRACKS_PER_TASK = 1024
-
-
-@dataclass(frozen=True, eq=False)
-class Map:
-    """Poses of frames and sensors, and points with their tracks.
-
-    Attributes
-    ----------
-    images
-        The images, with the rays of the refined cameras.
-    frames
-        (F,) indices of frames.
-    rig_from_world
-        (F, 3, 4) poses of these frames.
-    sensor_from_rig
-        (S, 3, 4) poses of all sensors.
-    points
-        (P, 3); none if all frames were taken in one place.
-    tracks
-        Observations of the points.
-    noise
-        Distribution of the residuals in units of the standard deviations of the keypoints.
-    refines_sensors
-        Whether bundle adjustment refines the poses of the sensors.
-    values
-        (Q,) of free cameras.
-    measured
-        What was measured in metres.
-    """
-
-    images: RigImages
-    frames: Indices
-    rig_from_world: Array
-    sensor_from_rig: Array
-    points: Array
-    tracks: Tracks
-    noise: StudentT
-    refines_sensors: bool = False
-    values: Array = field(default_factory=lambda: np.zeros(0))
-    measured: Measurements | None = None
-
-    @property
-    def has_scale(self) -> bool:
-        """Whether the unit of the world is the metre."""
-        return self.measured is not None or self.images.has_scale(self.frames)
-
-    @property
-    def row_of_image(self) -> Indices:
-        """Row (I,) of the frame of each image; -1 outside the map."""
-        row = np.full(self.images.frames, -1)
-        row[self.frames] = np.arange(len(self.frames))
-        return row[self.images.frame]
-
-    @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """The free cameras; none if the cameras are fixed."""
-        return () if self.images.pixels is None else self.images.pixels.free.at(self.values)
-
-    @property
-    def structure(self) -> Structure:
-        """Poses and points of the bundle adjustment."""
-        return Structure(self.rig_from_world, self.sensor_from_rig, self.points, self.values)
-
-    @property
-    def bundle(self) -> Bundle:
-        """The least-squares problem of the poses and points."""
-        images, image = self.images, self.tracks.image
-        which = images.keypoints(self.tracks)
-        of_rays = images.origins[which], images.bearings[which], images.axes[which]
-        rays = RayObservations(self.row_of_image[image], images.sensor[image], self.tracks.track, *of_rays)
-        pixels = None if images.pixels is None else images.pixels[which]
-        has_scale = images.has_scale(self.frames)
-        return Bundle(rays, self.noise, self.structure, has_scale, self.refines_sensors, pixels, self.measured)
 
 
 def map_images(
@@ -178,7 +103,7 @@ def _refine_and_extend(start: Map, graph: ViewGraph, watch: Watch) -> Map:
         found = _refined(found, _tracks(found, graph.edges), watch)
         contradicted = _contradicted_frames(found, graph)
         if contradicted.any() and not contradicted.all():
-            found = _with_frames(found, ~contradicted)
+            found = found.with_frames(~contradicted)
             found = _refined(found, _tracks(found, graph.edges), watch)
         if len(found.frames) <= count:  # the registered frames did not agree with the map
             return found
@@ -256,19 +181,7 @@ def _without_unsupported_frames(current: Map) -> Map:
     """Return the map without frames whose observations do not agree with it: their poses are wrong or unknown."""
     rows = current.row_of_image[current.tracks.image]
     keep = np.bincount(rows, minlength=len(current.frames)) >= MIN_INLIERS
-    return current if keep.all() else _with_frames(current, keep)
-
-
-def _with_frames(current: Map, keep: NDArray[np.bool_]) -> Map:
-    """Return the map of some of its frames (F,), and the points that two of their images show."""
-    supported, used = current.tracks.select(keep[current.row_of_image[current.tracks.image]])
-    return replace(
-        current,
-        frames=current.frames[keep],
-        rig_from_world=current.rig_from_world[keep],
-        points=current.points[used],
-        tracks=supported,
-    )
+    return current if keep.all() else current.with_frames(keep)
 
 
 def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
@@ -276,8 +189,7 @@ def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
     images, row, tracks = found.images, found.row_of_image, found.tracks
     known, poses = dict[int, KnownPoints](), dict[int, Pose]()
     for image, seen in grouped(tracks.image):
-        of_sensor = Pose.of_matrix(found.sensor_from_rig[images.sensor[image]])
-        poses[image] = of_sensor @ Pose.of_matrix(found.rig_from_world[row[image]])
+        poses[image] = found.cam_from_world(image)
         distances = np.linalg.norm(poses[image] @ found.points[tracks.track[seen]], axis=1)
         known[image] = KnownPoints.of(images.bearings_of(image), tracks.keypoint[seen], distances)
     matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)

@@ -5,20 +5,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
+from omnisight.sfm.verification import verified_frames
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-# Points in three or more images, below which two frames do not verify each other: in rendered rooms that look alike,
-# images in wrong places had 3 to 5, and those in their places 10 or more.
-MIN_VERIFIED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,23 +168,12 @@ class Reconstruction(Displayed):
 
     @property
     def unverified(self) -> tuple[str, ...]:
-        """Images outside of the largest part that points in three or more images connect; none of two frames.
-
-        Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open. Two
-        frames are connected by `MIN_VERIFIED` points that both and a third image show.
-        """
+        """Images of frames that are not verified, see `verified_frames`; none of two frames."""
         frames = len(self.rig_from_world)
         if frames < 3 or not len(self.points):
             return ()
-        images_of_point = np.bincount(self.observations.point, minlength=len(self.points))
-        use = images_of_point[self.observations.point] >= 3
-        ends = self.observations.point[use], self.frame[self.observations.image[use]]
-        seen = coo_array((np.ones(len(ends[0]), bool), ends), shape=(len(self.points), frames)).tocsr().astype(np.int64)
-        seen.data[:] = 1  # several images of a frame see a point once
-        label = connected_components((seen.T @ seen) >= MIN_VERIFIED, directed=False)[1]
-        sizes = np.bincount(label)
-        is_outside = label != sizes.argmax() if sizes.max() > 1 else np.ones(frames, bool)
-        return tuple(self.names[i] for i in np.flatnonzero(is_outside[self.frame]))
+        is_verified = verified_frames(self.frame[self.observations.image], self.observations.point, frames)
+        return tuple(self.names[i] for i in np.flatnonzero(~is_verified[self.frame]))
 
     @property
     def rotation_sigma_deg(self) -> float:

@@ -11,7 +11,7 @@ from scipy.linalg import LinAlgError
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig, Sensor
-from omnisight.sfm.mapping import Map
+from omnisight.sfm.map import Map
 from omnisight.sfm.reconstruction import PointObservations, Points, Reconstruction
 
 Array = NDArray[np.float64]

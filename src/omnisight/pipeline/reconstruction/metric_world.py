@@ -10,7 +10,7 @@ from omnisight.pipeline.inputs.image_set import ImageSet
 from omnisight.pipeline.reconstruction.known_positions import KnownPositions, image_named, read_positions
 from omnisight.pipeline.reconstruction.reconstruct_options import ReconstructOptions
 from omnisight.sfm.georeference import Georeference, georeferenced, scaled
-from omnisight.sfm.mapping import Map
+from omnisight.sfm.map import Map
 from omnisight.targets.length import parse_length
 
 

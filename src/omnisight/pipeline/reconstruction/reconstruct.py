@@ -31,7 +31,8 @@ from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
-from omnisight.sfm.mapping import Map, map_images, refine_with_ray_cameras
+from omnisight.sfm.map import Map
+from omnisight.sfm.mapping import map_images, refine_with_ray_cameras
 from omnisight.sfm.reconstruction import Reconstruction
 from omnisight.sfm.result import build_reconstruction, covariances
 from omnisight.sfm.rig_images import RigImages

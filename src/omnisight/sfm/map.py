@@ -1,0 +1,107 @@
+"""A map: poses of frames, and the points that their images show."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnisight.camera import Camera
+from omnisight.geometry.pose import Pose
+from omnisight.optim.loss import StudentT
+from omnisight.sfm.bundle_adjustment import Bundle
+from omnisight.sfm.measurements import Measurements
+from omnisight.sfm.rig_images import RigImages
+from omnisight.sfm.structure import RayObservations, Structure
+from omnisight.sfm.tracks import Tracks
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Map:
+    """Poses of frames and sensors, and points with their tracks.
+
+    Attributes
+    ----------
+    images
+        The images, with the rays of the refined cameras.
+    frames
+        (F,) indices of frames.
+    rig_from_world
+        (F, 3, 4) poses of these frames.
+    sensor_from_rig
+        (S, 3, 4) poses of all sensors.
+    points
+        (P, 3); none if all frames were taken in one place.
+    tracks
+        Observations of the points.
+    noise
+        Distribution of the residuals in units of the standard deviations of the keypoints.
+    refines_sensors
+        Whether bundle adjustment refines the poses of the sensors.
+    values
+        (Q,) of free cameras.
+    measured
+        What was measured in metres.
+    """
+
+    images: RigImages
+    frames: Indices
+    rig_from_world: Array
+    sensor_from_rig: Array
+    points: Array
+    tracks: Tracks
+    noise: StudentT
+    refines_sensors: bool = False
+    values: Array = field(default_factory=lambda: np.zeros(0))
+    measured: Measurements | None = None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether the unit of the world is the metre."""
+        return self.measured is not None or self.images.has_scale(self.frames)
+
+    @property
+    def row_of_image(self) -> Indices:
+        """Row (I,) of the frame of each image; -1 outside the map."""
+        row = np.full(self.images.frames, -1)
+        row[self.frames] = np.arange(len(self.frames))
+        return row[self.images.frame]
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The free cameras; none if the cameras are fixed."""
+        return () if self.images.pixels is None else self.images.pixels.free.at(self.values)
+
+    @property
+    def structure(self) -> Structure:
+        """Poses and points of the bundle adjustment."""
+        return Structure(self.rig_from_world, self.sensor_from_rig, self.points, self.values)
+
+    @property
+    def bundle(self) -> Bundle:
+        """The least-squares problem of the poses and points."""
+        images, image = self.images, self.tracks.image
+        which = images.keypoints(self.tracks)
+        of_rays = images.origins[which], images.bearings[which], images.axes[which]
+        rays = RayObservations(self.row_of_image[image], images.sensor[image], self.tracks.track, *of_rays)
+        pixels = None if images.pixels is None else images.pixels[which]
+        has_scale = images.has_scale(self.frames)
+        return Bundle(rays, self.noise, self.structure, has_scale, self.refines_sensors, pixels, self.measured)
+
+    def cam_from_world(self, image: int) -> Pose:
+        """Return the pose of an image of the map."""
+        of_sensor = Pose.of_matrix(self.sensor_from_rig[self.images.sensor[image]])
+        return of_sensor @ Pose.of_matrix(self.rig_from_world[self.row_of_image[image]])
+
+    def with_frames(self, keep: NDArray[np.bool_]) -> "Map":
+        """Return the map of some of its frames (F,), and the points that two of their images show."""
+        supported, used = self.tracks.select(keep[self.row_of_image[self.tracks.image]])
+        return replace(
+            self,
+            frames=self.frames[keep],
+            rig_from_world=self.rig_from_world[keep],
+            points=self.points[used],
+            tracks=supported,
+        )
