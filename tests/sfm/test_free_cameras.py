@@ -152,7 +152,7 @@ def test_images_are_registered_by_the_refined_cameras():
     five = replace(graph, edges=[edge for edge in graph.edges if edge.b != 5])
     (found,) = map_images(keypoints, images, five, lambda *_: None)
     assert found.cameras[0].model.fx == pytest.approx(300, abs=5)
-    frames, registered = register_frames(found.frames, found.tracks, found.points, graph.edges, found.images)
+    frames, registered, _ = register_frames(found.frames, found.tracks, found.points, graph.edges, found.images)
     assert frames.tolist() == [5]
     order = np.argsort(found.frames)
     positions, _ = similarity_errors([*found.rig_from_world[order], *registered], poses)

@@ -11,7 +11,7 @@ from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.mapping import map_images
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import build_tracks
-from omnisight.sfm.view_graph import Edge, match_pairs, overlapping_pairs
+from omnisight.sfm.view_graph import Edge, match_pair, match_pairs, overlapping_pairs
 from sfm.worlds import circle_of_poses, observe, points_around, sensors_apart, similarity_errors, unit
 
 
@@ -109,6 +109,51 @@ def test_images_that_averaging_left_out_are_registered_by_resection():
     order = np.argsort(found.frames)
     positions, _ = similarity_errors(found.rig_from_world[order], poses)
     assert positions.max() < 0.01
+
+
+# Points of the world that the last of the images of `misled` shows: its first keypoints.
+SEEN_POINTS = 60
+
+
+def misled(poses, moved):
+    """Return keypoints of images of a world, the last of which shows an object that moved and was in one image before.
+
+    Three points of the world are where the last image would show them if the world had moved with the object.
+    """
+    world, keypoints = points_around(150), observe(poses, points_around(150), 0.1)
+    wrong = Pose(exp(np.array([0.0, 0.4, 0.1])), np.array([1.5, 0.5, -1.0])) @ poses[-1]
+    before, after = observe([poses[-2], wrong], points_around(moved, seed=5), 0.1, seed=9)
+    right, moved_world = keypoints[-1], observe([wrong], world, 0.1)[0]
+    order, other = (np.argsort(each.descriptors[:, 0]) for each in (right, moved_world))
+    three = moved_world[other[SEEN_POINTS : SEEN_POINTS + 3]]
+    last = concatenate([right[order[:SEEN_POINTS]], after, three])
+    return [*keypoints[:-2], concatenate([keypoints[-2], before]), last]
+
+
+def turned(edge, seed):
+    """Return an edge with a wrong rotation."""
+    wrong = exp(np.random.default_rng(seed).normal(0, 1, 3))
+    return replace(edge, b_from_a=Pose(wrong, edge.b_from_a.translation))
+
+
+@pytest.mark.parametrize(("moved", "is_corrected"), [(40, True), (70, False)])
+def test_a_pose_that_is_not_verified_is_replaced_if_more_matches_agree_with_another(moved, is_corrected):
+    """Averaging places an image by an object that moved, because its other relative poses are wrong."""
+    poses = circle_of_poses(7)
+    keypoints = misled(poses, moved)
+    graph = match_pairs(keypoints, [*combinations(range(6), 2), (3, 6), (4, 6)], ignore)
+    *others, by_3, by_4 = graph.edges
+    by_object = match_pair(keypoints, 5, 6, without=np.column_stack([np.full(SEEN_POINTS, -1), np.arange(SEEN_POINTS)]))
+    assert len(by_object.pairs) == pytest.approx(moved + 3, abs=3)
+    halves = (replace(turned(edge, k), pairs=edge.pairs[k::2]) for k, edge in enumerate((by_3, by_4)))
+    (found,) = map_images(
+        keypoints, RigImages.of(keypoints), replace(graph, edges=[*others, *halves, by_object]), ignore
+    )
+    order = np.argsort(found.frames)
+    assert found.frames[order].tolist() == list(range(7))
+    assert found.is_verified[order].tolist() == [True] * 6 + [is_corrected]
+    positions, _ = similarity_errors(found.rig_from_world[order], poses)
+    assert (positions.max() < 0.05) == is_corrected
 
 
 def rig_views(frames, sensors, points, *, field_deg=360.0, sigma_deg=0.05):

@@ -13,6 +13,7 @@ from omnisight.sfm.measurements import Measurements
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks
+from omnisight.sfm.verification import verified_frames
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -105,3 +106,17 @@ class Map:
             points=self.points[used],
             tracks=supported,
         )
+
+    def with_poses(self, frames: Indices, rig_from_world: Array) -> "Map":
+        """Return the map with poses (J, 3, 4) of some frames (J,), which may be in the map; the points are the same."""
+        others = ~np.isin(self.frames, frames)
+        return replace(
+            self,
+            frames=np.concatenate([self.frames[others], frames]),
+            rig_from_world=np.concatenate([self.rig_from_world[others], rig_from_world]),
+        )
+
+    @property
+    def is_verified(self) -> NDArray[np.bool_]:
+        """Which frames (F,) are verified, see `verified_frames`."""
+        return verified_frames(self.row_of_image[self.tracks.image], self.tracks.track, len(self.frames))

@@ -97,22 +97,39 @@ def map_images(
 
 
 def _refine_and_extend(start: Map, graph: ViewGraph, watch: Watch) -> Map:
-    """Refine a map of averaged poses, and register the frames that it lacks, while any agree with it."""
-    found, count = start, 0
+    """Refine a map of averaged poses, and register further frames, while more of them agree with it."""
+    found, size = start, (0, 0)
     while True:
         found = _refined(found, _tracks(found, graph.edges), watch)
         contradicted = _contradicted_frames(found, graph)
         if contradicted.any() and not contradicted.all():
             found = found.with_frames(~contradicted)
             found = _refined(found, _tracks(found, graph.edges), watch)
-        if len(found.frames) <= count:  # the registered frames did not agree with the map
+        before, size = size, (int(found.is_verified.sum()), len(found.frames))
+        if size <= before:  # the registered frames did not agree with the map
             return found
-        count = len(found.frames)
-        added, poses = register_frames(found.frames, found.tracks, found.points, graph.edges, found.images)
-        if not len(added):
+        extended = _with_registered_frames(found, graph.edges)
+        if extended is found:
             return found
-        together = np.concatenate([found.rig_from_world, poses])
-        found = replace(found, frames=np.concatenate([found.frames, added]), rig_from_world=together)
+        found = extended
+
+
+def _with_registered_frames(found: Map, edges: Sequence[Edge]) -> Map:
+    """Return the map with new poses of the frames that it lacks, and of those that are not verified.
+
+    A pose that is not verified can rest on one wrong relative pose. It is replaced if more matches agree with another
+    one, which the points of the verified frames determine.
+    """
+    rows, verified = found.row_of_image, found.with_frames(found.is_verified)
+    within = [edge for edge in edges if rows[edge.a] >= 0 and rows[edge.b] >= 0]
+    added = register_frames(found.frames, found.tracks, found.points, edges, found.images)
+    again = register_frames(verified.frames, verified.tracks, verified.points, within, found.images)
+    observations = np.zeros(found.images.frames, np.intp)
+    observations[found.frames] = np.bincount(rows[found.tracks.image], minlength=len(found.frames))
+    better = again.select(again.support > observations[again.frames])
+    if not len(added.frames) and not len(better.frames):
+        return found
+    return found.with_poses(added.frames, added.rig_from_world).with_poses(better.frames, better.rig_from_world)
 
 
 def _first_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -> InitialPoses:

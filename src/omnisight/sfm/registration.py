@@ -1,6 +1,7 @@
 """Registration of further frames in a map, by resection from its points."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,35 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
+class RegisteredFrames(NamedTuple):
+    """Frames that were registered.
+
+    Attributes
+    ----------
+    frames
+        (J,) indices.
+    rig_from_world
+        Their poses (J, 3, 4).
+    support
+        (J,) matches that agree with each pose.
+    """
+
+    frames: Indices
+    rig_from_world: Array
+    support: Indices
+
+    def select(self, use: NDArray[np.bool_]) -> "RegisteredFrames":
+        """Return the frames of a mask (J,)."""
+        return RegisteredFrames(self.frames[use], self.rig_from_world[use], self.support[use])
+
+
 def register_frames(
     frames: Indices,
     tracks: Tracks,
     points: Array,
     edges: Sequence[Edge],
     images: RigImages,
-) -> tuple[Indices, Array]:
+) -> RegisteredFrames:
     """Estimate the poses of the frames that edges connect with a map, each by the image with the most inliers.
 
     Frames that averaging left out, because the scales of their edges are unknown or because the edges do not agree with
@@ -37,11 +60,6 @@ def register_frames(
         All edges.
     images
         The images.
-
-    Returns
-    -------
-    frames, rig_from_world
-        (J,) indices of the registered frames, and their poses (J, 3, 4).
     """
     best = dict[int, tuple[int, Array]]()
     for image, rows in sorted(_matches(frames, tracks, edges, images).items()):
@@ -52,7 +70,8 @@ def register_frames(
         sensor_from_rig = Pose.of_matrix(images.sensor_from_rig[images.sensor[image]])
         best[frame] = support, (sensor_from_rig.inverse() @ pose.cam_from_world).matrix
     poses = np.array([pose for _, pose in best.values()], float).reshape(-1, 3, 4)
-    return np.array(list(best), np.intp), poses
+    support = np.array([number for number, _ in best.values()], np.intp)
+    return RegisteredFrames(np.array(list(best), np.intp), poses, support)
 
 
 def _matches(frames: Indices, tracks: Tracks, edges: Sequence[Edge], images: RigImages) -> dict[int, Indices]:
