@@ -156,6 +156,16 @@ def test_a_pose_that_is_not_verified_is_replaced_if_more_matches_agree_with_anot
     assert (positions.max() < 0.05) == is_corrected
 
 
+def test_covariances_are_relative_to_a_verified_image():
+    keypoints = misled(circle_of_poses(7), 60)[::-1]
+    graph = match_pairs(keypoints, list(combinations(range(1, 7), 2)), ignore)
+    by_object = match_pair(keypoints, 0, 1, without=np.column_stack([np.arange(SEEN_POINTS), np.full(SEEN_POINTS, -1)]))
+    (found,) = map_images(keypoints, RigImages.of(keypoints), replace(graph, edges=[*graph.edges, by_object]), ignore)
+    assert sorted(found.frames.tolist()) == list(range(7))
+    assert found.is_verified.tolist() == [True] * 6 + [False]
+    assert found.frames[-1] == 0
+
+
 def rig_views(frames, sensors, points, *, field_deg=360.0, sigma_deg=0.05):
     """Return the keypoints of all sensors in all frames, sensor by sensor, with their sensors and frames."""
     sensor, frame = np.divmod(np.arange(len(sensors) * len(frames)), len(frames))

@@ -116,6 +116,11 @@ class Map:
             rig_from_world=np.concatenate([self.rig_from_world[others], rig_from_world]),
         )
 
+    def with_verified_first(self) -> "Map":
+        """Return the map with its verified frames before the others: covariances are relative to the first frame."""
+        order = np.argsort(~self.is_verified, kind="stable")
+        return replace(self, frames=self.frames[order], rig_from_world=self.rig_from_world[order])
+
     @property
     def is_verified(self) -> NDArray[np.bool_]:
         """Which frames (F,) are verified, see `verified_frames`."""

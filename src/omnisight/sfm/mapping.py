@@ -90,7 +90,7 @@ def map_images(
         is_moving = any(edge.has_translation for edge in rest)
         found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
-        maps += [found] if is_map else []
+        maps += [found.with_verified_first()] if is_map else []
         inside = (found if is_map else start).row_of_image >= 0
         rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
     return sorted(maps, key=lambda found: -len(found.frames))

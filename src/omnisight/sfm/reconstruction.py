@@ -92,7 +92,8 @@ class Reconstruction(Displayed):
         Pose of each frame.
     pose_covariance
         (F, 6, 6) covariances of the steps (w, v) of `Pose.moved` of these poses: relative to the first frame, which has
-        none, and to the scale; in the world for known positions. NaN for images without points.
+        none, and is verified if any is, and to the scale; in the world for known positions. NaN for images without
+        points.
     points
         The points; none in a graph of panoramas that were taken in one place.
     observations
