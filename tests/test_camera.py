@@ -146,6 +146,26 @@ def test_scaling_keeps_the_rest():
     assert scaled.provenance == {"file": "a.json"}
 
 
+def test_scaling_scales_the_fields_in_px():
+    focal, u, v, baseline = 300.0, 319.5, 239.5, 0.1
+    p = [focal, 0.0, u, -focal * baseline, 0.0, focal, v, 0.0, 0.0, 0.0, 1.0, 0.0]
+    extra = {
+        "camera_name": "left",
+        "projection_matrix": {"rows": 3, "cols": 4, "data": p},
+        "roi": {"x_offset": 8, "y_offset": 0, "width": 100, "height": 100},
+        "valid_radius_px": 200.0,
+    }
+    scaled = dataclasses.replace(LENS, extra=extra).scaled(0.5).extra
+    point = np.array([0.3, -0.2, 2.0, 1.0])
+    (before, after) = (np.reshape(f["projection_matrix"]["data"], (3, 4)) @ point for f in (extra, scaled))
+    np.testing.assert_allclose(after[:2] / after[2], (before[:2] / before[2] + 0.5) * 0.5 - 0.5)
+    assert {**scaled, "projection_matrix": None} == {
+        "camera_name": "left",
+        "projection_matrix": None,
+        "valid_radius_px": 100.0,
+    }
+
+
 # -- samples ----------------------------------------------------------------------------------------------------
 
 

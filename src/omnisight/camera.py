@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from omnisight.array_kinds import like, to_numpy
 from omnisight.display import Displayed, named_tuple_text
+from omnisight.file_fields import rescaled_fields
 from omnisight.geometry.rays import Rays
 from omnisight.geometry.sphere import angle_from_axis
 from omnisight.models import CameraModel, Projector
@@ -144,7 +145,13 @@ class BaseCamera(Displayed, Generic[Model]):
         size = (round(self.width * factor), round(self.height * factor))
         scale = self.model.rescaling(factor)
         covariance = None if self.covariance is None else self.covariance * np.outer(scale, scale)
-        return dataclasses.replace(self, model=self.model.rescaled(factor), size=size, covariance=covariance)
+        return dataclasses.replace(
+            self,
+            model=self.model.rescaled(factor),
+            size=size,
+            covariance=covariance,
+            extra=rescaled_fields(self.extra, factor),
+        )
 
 
 @dataclass(frozen=True, eq=False)
