@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
+from omnisight.file_fields import reflected_fields
 from omnisight.models import model_class
 
 Array = NDArray[np.float64]
@@ -99,7 +100,8 @@ def flip_frame(camera: Camera) -> Camera:
 
     Images of boards without markers do not determine whether the camera looks into a mirror, which exchanges left and
     right. `calibrate` assumes that it does not; the frame of a camera with one mirror is then left-handed, and
-    `flip_frame` returns it in a right-handed one, as two views and rigs of different cameras need it.
+    `flip_frame` returns it in a right-handed one, as two views and rigs of different cameras need it. Poses of the
+    file the camera was read from, in `extra`, are left out: they refer to the frame before.
 
     Raises
     ------
@@ -114,7 +116,10 @@ def flip_frame(camera: Camera) -> Camera:
         signs = np.where(params * camera.model.params < 0, -1.0, 1.0)
         covariance = None if camera.covariance is None else camera.covariance * np.outer(signs, signs)
         result = dataclasses.replace(
-            camera, model=camera.model.with_params(signs * camera.model.params), covariance=covariance
+            camera,
+            model=camera.model.with_params(signs * camera.model.params),
+            covariance=covariance,
+            extra=reflected_fields(camera.extra),
         )
         if _compare(result, flipped, pixels).max_px <= MAX_FLIP_PX:
             return result

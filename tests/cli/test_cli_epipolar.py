@@ -245,6 +245,22 @@ def test_a_camera_in_a_reflected_frame_is_refused_with_the_remedy(run, photos, t
     assert np.degrees(np.arccos(min(cosine, 1.0))) < 1
 
 
+def test_a_reflected_camera_has_no_pose_of_the_imu(run, tmp_path):
+    pose = [[1.0, 0.0, 0.0, 0.1], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    extra = {"rostopic": "/cam0", "T_cam_imu": pose}
+    om.save(
+        om.Camera(om.model_class("unified").example(), (1000, 800), extra=extra),
+        tmp_path / "chain.yaml",
+        format="kalibr",
+    )
+    status, out, _ = run(
+        "convert", tmp_path / "chain.yaml", "--to", "native", "--flip", "-o", tmp_path / "flipped.json"
+    )
+    assert status == 0
+    assert "not written: T_cam_imu" in out
+    assert om.load(tmp_path / "flipped.json").extra == {"rostopic": "/cam0"}
+
+
 def test_flip_is_for_one_camera(run, tmp_path):
     om.save(om.Rig.from_sensors({name: (FISHEYE.camera, om.Pose()) for name in "ab"}), tmp_path / "rig.json")
     status, _, err = run("convert", tmp_path / "rig.json", "--to", "native", "--flip")

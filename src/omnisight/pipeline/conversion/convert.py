@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from omnisight.camera import Camera
@@ -92,18 +92,28 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
     source = central_camera(path, name=options.name, distance=options.distance)
     camera, conversion = convert_camera(source, target, options)
     refuse_unused_angle([conversion], options)
-    camera = _flipped(camera, path) if options.flip else camera
+    camera, notes = _flipped(camera, path) if options.flip else (camera, ())
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
+    written = replace(written, notes=notes + written.notes)
     return ConvertResult(source, camera, conversion, written, target.CONVENTION)
 
 
-def _flipped(camera: Camera, path: Path) -> Camera:
-    """Return the camera in the reflected frame; raise ValueError with the name of its file if that is impossible."""
+def _flipped(camera: Camera, path: Path) -> tuple[Camera, tuple[str, ...]]:
+    """Return the camera in the reflected frame, and a note on the fields of its file that are left out.
+
+    Raises
+    ------
+    ValueError
+        If the model cannot be reflected; the message names the file.
+    """
     try:
-        return flip_frame(camera)
+        flipped = flip_frame(camera)
     except ValueError as error:
         raise ValueError(f"{path}: {error} (--model)") from error
+    lost = [key for key in camera.extra if key not in flipped.extra]
+    note = f"not written: {', '.join(lost)}: a reflected frame has no rotation from another frame"
+    return flipped, (note,) if lost else ()
 
 
 def target_format(options: ConvertOptions) -> Format:
