@@ -46,6 +46,19 @@ def test_cameras_without_topics_are_named_after_their_files(chains):
     assert load_joined_rig(paths).names == tuple(f"chain{k}-cam0" for k in range(5))
 
 
+def test_time_offsets_of_some_cameras_are_kept_and_reported(chains, tmp_path):
+    _, paths = chains
+    paths[1].write_text(f"{paths[1].read_text()}  timeshift_cam_imu: 0.004\n")
+    rig = load_joined_rig(paths)
+    assert rig.time_offsets == ()
+    note = "no time offsets: timeshift_cam_imu is known of cam1 and unknown of cam0, cam2, cam3, cam4"
+    assert om.save(rig, tmp_path / "rig.json").notes == (note,)
+    om.save(rig, tmp_path / "rig.yaml", format="kalibr")
+    again = om.load_rig(tmp_path / "rig.yaml")
+    assert [camera.extra.get("timeshift_cam_imu") for camera in again.cameras] == [None, 0.004, None, None, None]
+    assert not om.save(rig.subset(["cam0", "cam2"]), tmp_path / "two.json").notes
+
+
 def test_files_that_cannot_be_joined_are_named(chains):
     _, paths = chains
     with pytest.raises(ValueError, match=r"chain1-cam0: this camera is specified twice"):

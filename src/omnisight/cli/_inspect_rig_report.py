@@ -14,6 +14,8 @@ def print_rig(rig: "Rig") -> None:
     """Print the position, the viewing direction and the overlap of every camera."""
     import numpy as np
 
+    from omnisight.formats import time_offset_notes
+
     width = max(6, *map(len, rig.names))
     print(f"== rig of {len(rig)} cameras")
     frame = f"camera {rig.reference}" if rig.reference else rig.provenance.get("rig_frame", "of its own")
@@ -31,6 +33,8 @@ def print_rig(rig: "Rig") -> None:
             sigma = f"{rounded(turn)} deg, {rounded(shift)}"
         time = "unknown" if offset is None else f"{1e3 * offset:.2f} ms"
         print(f"  {name:<{width}} {place:>26} {view:>22}  {sigma:>18}  {time}")
+    for note in time_offset_notes(rig):
+        print(f"note        {note}")
     if all(all(camera.size) for camera in rig.cameras):
         print("overlap     share of the field of view of a camera (row) that another one sees, at infinity")
         print(f"  {'':<{width}} " + " ".join(f"{name:>{max(5, len(name))}}" for name in rig.names))

@@ -16,6 +16,7 @@ from omnisight.formats._registry import (
     rig_format_names,
     save,
 )
+from omnisight.formats._rigs import time_offset_notes
 
 __all__ = [
     "Format",
@@ -31,4 +32,5 @@ __all__ = [
     "load_rig",
     "rig_format_names",
     "save",
+    "time_offset_notes",
 ]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.formats._registry import is_rig_file, load_all, load_rig
-from omnisight.formats._rigs import IMU, imu_poses, make_rig
+from omnisight.formats._rigs import IMU, imu_poses, make_rig, shared_time_offsets
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
 
@@ -27,8 +27,7 @@ def load_joined_rig(paths: Sequence[Path]) -> Rig:
         return load_rig(paths[0])
     found = [(path, name, camera, pose) for path in paths for name, camera, pose in _cameras_of_imu(path)]
     names = _distinct_names([(path, name, camera) for path, name, camera, _ in found])
-    shifts = [camera.extra.get("timeshift_cam_imu") for _, _, camera, _ in found]
-    offsets = [] if None in shifts else [float(shift) for shift in shifts if shift is not None]
+    offsets = shared_time_offsets(camera for _, _, camera, _ in found)
     sensors = [(_without_overlaps(camera), pose) for _, _, camera, pose in found]
     return make_rig(dict(zip(names, sensors, strict=True)), offsets).with_reference(0)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.formats._limits import MAX_DISTINCT_CAMERAS, MAX_NAME_CHARS
-from omnisight.formats._values import MAX_ROTATION_ERROR, numbers, rotation_matrix
+from omnisight.formats._values import MAX_ROTATION_ERROR, number, numbers, rotation_matrix
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 IMU = "imu"  # provenance["rig_frame"] of a rig in the frame of its IMU
 TIME_OFFSETS = "the time offsets"
+TIME_SHIFT = "timeshift_cam_imu"  # of Kalibr, in the fields of a camera
 BOTTOM_ROW = (0.0, 0.0, 0.0, 1.0)
 # Poses that a file holds twice are rounded and estimated separately; a contradiction is larger. Radians, and share of
 # the baseline.
@@ -117,6 +118,21 @@ def rig_notes(rig: Rig, notes: Mapping[str, Iterable[str]], kept: Iterable[str] 
     merged += [f"not written: {', '.join(lost)}"] if lost else []
     merged += [f"lengths are in {rig.unit}, and the format has metres"] if rig.unit != "m" else []
     return tuple(merged)
+
+
+def shared_time_offsets(cameras: Iterable[Camera]) -> list[float]:
+    """Return the time offset of every camera relative to the IMU; empty if that of a camera is unknown."""
+    shifts = [camera.extra.get(TIME_SHIFT) for camera in cameras]
+    return [] if None in shifts else [number(shift, TIME_SHIFT) for shift in shifts]
+
+
+def time_offset_notes(rig: Rig) -> tuple[str, ...]:
+    """Return a note if the files of a rig have the time offsets of some cameras only, which the rig leaves out."""
+    known = [name for name, camera in zip(rig.names, rig.cameras, strict=True) if TIME_SHIFT in camera.extra]
+    unknown = [name for name in rig.names if name not in known]
+    if rig.time_offsets or not known or not unknown:
+        return ()
+    return (f"no time offsets: {TIME_SHIFT} is known of {', '.join(known)} and unknown of {', '.join(unknown)}",)
 
 
 def imu_poses(rig: Rig) -> list[Pose] | None:

@@ -11,6 +11,7 @@ from omnisight.formats._export import export, kept_fields, unknown_fields
 from omnisight.formats._readers import Reader
 from omnisight.formats._rigs import (
     TIME_OFFSETS,
+    TIME_SHIFT,
     cameras_of,
     check_count,
     imu_poses,
@@ -20,6 +21,7 @@ from omnisight.formats._rigs import (
     pose_of_rows,
     rig_notes,
     rows_of_pose,
+    shared_time_offsets,
 )
 from omnisight.formats._values import build_with_zeros, image_size, number, numbers
 from omnisight.formats._yaml import flow, read_map
@@ -46,7 +48,7 @@ MODELS = tuple(model for model, _, _ in LENSES.values())
 EUROC = {"radial-tangential": "radtan"}
 KNOWN = {"camera_model", "intrinsics", "distortion_model", "distortion_coeffs", "distortion_coefficients", "resolution"}
 # What a chain of one camera keeps; T_cn_cnm1 refers to the preceding camera.
-KEPT = ("rostopic", "T_cam_imu", "timeshift_cam_imu", "line_delay")
+KEPT = ("rostopic", "T_cam_imu", TIME_SHIFT, "line_delay")
 # What a chain of several cameras holds.
 CHAIN_KEPT = (*KEPT, "T_cn_cnm1", "cam_overlaps")
 COMMENT = "# {}"
@@ -86,8 +88,7 @@ def parse_rig(text: str) -> Rig:
     poses = [Pose()]
     for previous, name in pairwise(cameras):
         poses.append(_step(name, cameras[name].extra, previous, cameras[previous].extra) @ poses[-1])
-    shifts = [camera.extra.get("timeshift_cam_imu") for camera in cameras.values()]
-    offsets = [] if None in shifts else [number(shift, "timeshift_cam_imu") for shift in shifts]
+    offsets = shared_time_offsets(cameras.values())
     sensors = {name: (camera, pose) for (name, camera), pose in zip(cameras.items(), poses, strict=True)}
     return replace(make_rig(sensors, offsets), provenance={"poses": "chain"})
 
@@ -130,13 +131,13 @@ def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
     before = Pose()
     for i, (name, (camera, pose)) in enumerate(cameras_of(posed).items()):
         fields, notes[name] = _fields(camera, CHAIN_KEPT)
-        fields |= kept_fields(camera, ("rostopic", "line_delay", "cam_overlaps"))
+        fields |= kept_fields(camera, ("rostopic", TIME_SHIFT, "line_delay", "cam_overlaps"))
         if i:
             fields["T_cn_cnm1"] = rows_of_pose(pose @ before.inverse())
         if cam_from_imu is not None:
             fields["T_cam_imu"] = rows_of_pose(cam_from_imu[i])
         if rig.time_offsets:
-            fields["timeshift_cam_imu"] = rig.time_offsets[i]
+            fields[TIME_SHIFT] = rig.time_offsets[i]
         text, before = text + _block(f"cam{i}", fields), pose
     return text, frame_note + rig_notes(rig, notes, (TIME_OFFSETS,))
 

@@ -12,6 +12,7 @@ from omnisight.camera import Camera
 from omnisight.formats._export import unknown_fields
 from omnisight.formats._limits import HEAD_CHARS, MAX_DISTINCT_CAMERAS, MAX_NAME_CHARS, MAX_PARAMETERS
 from omnisight.formats._readers import Reader
+from omnisight.formats._rigs import time_offset_notes
 from omnisight.formats._values import (
     MAX_SIDE_PX,
     MAX_VALUE,
@@ -254,7 +255,7 @@ def rig_to_json(rig: Rig) -> dict[str, Any]:
 
 def serialize_rig(rig: Rig) -> tuple[str, tuple[str, ...]]:
     """Return the text of a rig; nothing is lost."""
-    return json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n", ()
+    return json.dumps(rig_to_json(rig), indent=2, allow_nan=False) + "\n", time_offset_notes(rig)
 
 
 def serialize(camera: Camera | RayCamera) -> tuple[str, tuple[str, ...]]:
