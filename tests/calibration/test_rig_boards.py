@@ -217,3 +217,14 @@ def test_images_to_drop_are_left_out_of_every_board(known):
     assert calibration.cameras
     for camera in calibration.cameras:
         assert sorted(camera.images) == [f"{k:04d}.png" for k in range(8) if k != 3]
+
+
+def test_a_board_whose_images_are_all_dropped_is_left_out(known):
+    rig, poses = rig_scene("stereo", 4).rig, hand_held(np.random.default_rng(2), 8)
+    observations = observe(rig, {"a": poses, "b": [pose @ BESIDE for pose in poses[:2]]})
+    calibration = om.calibrate_rig(observations, known(rig, drop=("0000.png", "0001.png")))
+    assert [list(camera.boards) for camera in calibration.cameras] == [["a"], ["a"]]
+    assert_within_uncertainty(calibration, rig)
+    every = tuple(f"{k:04d}.png" for k in range(8))
+    with pytest.raises(ValueError, match=f"{rig.names[0]}: --drop leaves no image of this camera"):
+        om.calibrate_rig(observations, known(rig, drop=every))

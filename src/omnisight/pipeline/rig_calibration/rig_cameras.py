@@ -138,16 +138,17 @@ def rig_camera(name: str, source: Any, options: CalibrateRigOptions, progress: P
 def _load_boards(source: Any, options: CalibrateRigOptions, progress: Progress) -> Boards:
     """Return the views of each board; those of several boards may be given by the name of the board."""
     if isinstance(source, Mapping):
-        loaded = {str(board): load_observations(views, options.single()) for board, views in source.items()}
-        return {board: _dropped(observations, options) for board, observations in loaded.items()}
+        return _without_dropped(
+            {str(board): load_observations(views, options.single()) for board, views in source.items()}, options
+        )
     found: dict[str, Observations] = {}
     for board, target in options.targets.items():
 
         def report(stage: str, done: int, total: int, board: str = board) -> None:
             progress(stage if len(options.targets) == 1 else f"{stage}, {board}", done, total)
 
-        found[board] = _dropped(load_observations(source, options.single(target), progress=report), options)
-    return found
+        found[board] = load_observations(source, options.single(target), progress=report)
+    return _without_dropped(found, options)
 
 
 def _camera_of_several_boards(name: str, boards: Boards, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
@@ -205,10 +206,23 @@ def _known_camera(name: str, boards: Boards, file: Path, options: CalibrateRigOp
     return RigCamera(name, camera, used, states, directions, warp, None)
 
 
-def _dropped(observations: Observations, options: CalibrateRigOptions) -> Observations:
-    """Return the observations without the images to drop that this camera has."""
-    known = observations.image_names or observations.names
-    return drop_images(observations, [name for name in options.drop if name in known])
+def _without_dropped(boards: Boards, options: CalibrateRigOptions) -> Boards:
+    """Return the boards without the images to drop, and without a board all of whose images these are.
+
+    Raises
+    ------
+    ValueError
+        If no board remains.
+    """
+    remaining = dict[str, Observations]()
+    for board, observations in boards.items():
+        known = observations.image_names or observations.names
+        dropped = set(options.drop).intersection(known)
+        if not dropped or len(dropped) < len(set(known)):
+            remaining[board] = drop_images(observations, list(dropped))
+    if not remaining:
+        raise ValueError("--drop leaves no image of this camera; keep three or more")
+    return remaining
 
 
 def check_different_images(cameras: Sequence[RigCamera]) -> None:
