@@ -78,11 +78,28 @@ def test_drawn_lines_and_fixed_parameters_are_used(run, drawn):
     assert load(camera).provenance["lines"] == "lines.json"
 
 
+def test_images_of_one_name_in_two_folders_are_named_with_their_folders(run, refuses, drawn):
+    images = [drawn / folder / "blank.png" for folder in "ab"]
+    for image in images:
+        image.parent.mkdir()
+        write_image(image, np.full((1024, 1280), 90, np.uint8))
+    lines = json.loads((drawn / "lines.json").read_text())
+    (drawn / "same.json").write_text(json.dumps({"blank.png": lines}))
+    message = refuses("calibrate-lines", *images, "--lines", drawn / "same.json", "-o", drawn / "c.json")
+    assert "names blank.png, which several images are named: use a/blank.png, b/blank.png" in message
+    (drawn / "two.json").write_text(json.dumps({"a/blank.png": lines[:4], "b/blank.png": lines[4:]}))
+    output = drawn / "c.json"
+    assert run("calibrate-lines", *images, "--lines", drawn / "two.json", "--fix", "xi=1", "-o", output)[0] == 0
+    assert load(output).provenance["images"] == ["a/blank.png", "b/blank.png"]
+
+
 def test_invalid_input_is_rejected_in_one_line(refuses, drawn):
     blank, lines = drawn / "blank.png", drawn / "lines.json"
     assert "0 lines are too few" in refuses("calibrate-lines", blank)
     assert "unified has no k1; it has fx" in refuses("calibrate-lines", blank, "--fix", "k1=0")
     assert "such as xi=1, got 'xi'" in refuses("calibrate-lines", blank, "--fix", "xi")
+    assert "--fix xi=nan: xi of unified must be a number" in refuses("calibrate-lines", blank, "--fix", "xi=nan")
+    assert "--fix fx=-inf: fx of unified must be a number" in refuses("calibrate-lines", blank, "--fix", "fx=-inf")
     assert "there is no folder" in refuses("calibrate-lines", blank, "-o", drawn / "none" / "c.json")
     assert "unknown camera model" in refuses("calibrate-lines", blank, "--model", "nonsense")
     (drawn / "bad.json").write_text('{"other.png": []}')

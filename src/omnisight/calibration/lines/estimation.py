@@ -1,5 +1,6 @@
 """Estimation of a camera from line observations: consensus, refinement, uncertainty, model error."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -60,11 +61,17 @@ class LineEstimationOptions(Options):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        names = model_class(self.model).example().param_names
+        parameters = {parameter.name: parameter for parameter in model_class(self.model).example().parameters}
+        names = list(parameters)
         if unknown := sorted(set(self.fixed) - set(names)):
             raise ValueError(
                 f"{self.model} has no {', '.join(unknown)}{did_you_mean(unknown[0], names)}; it has {', '.join(names)}"
             )
+        for name, value in self.fixed.items():
+            low, high = parameters[name].low, parameters[name].high
+            if not (math.isfinite(value) and low <= value <= high):
+                within = f" from {low:g} to {high:g}" if math.isfinite(low) or math.isfinite(high) else ""
+                raise ValueError(f"--fix {name}={value:g}: {name} of {self.model} must be a number{within}")
 
 
 @dataclass(frozen=True)

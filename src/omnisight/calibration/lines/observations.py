@@ -12,9 +12,12 @@ from omnisight.calibration.lines.pixel_chains import PixelChains
 from omnisight.calibration.lines.polyline_file import read_polylines
 from omnisight.display import Displayed
 from omnisight.images import estimate_image_field, read_image, read_mask, to_gray8
+from omnisight.images.output_paths import image_labels
 from omnisight.progress import Progress, no_progress
 
 Array = NDArray[np.float64]
+
+MAX_LISTED_LABELS = 5  # in an error message
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def detect_lines(
         image_ids += [i] * len(detected)
     progress("detect arcs", len(paths), len(paths))
     centre = None if field.outer is None else np.array(field.outer.centre)
-    return LineObservations(PixelChains.from_arrays(arcs, image_ids), size, centre, False, _names(paths))
+    return LineObservations(PixelChains.from_arrays(arcs, image_ids), size, centre, False, tuple(image_labels(paths)))
 
 
 def read_drawn_lines(paths: Sequence[Path], file: Path, *, apply_exif: bool = False) -> LineObservations:
@@ -99,17 +102,19 @@ def read_drawn_lines(paths: Sequence[Path], file: Path, *, apply_exif: bool = Fa
         If a file cannot be read, the image sizes differ, or the lines name an unknown image.
     """
     size = _common_size(paths, apply_exif)
-    index = {path.name: i for i, path in enumerate(paths)} | {"": 0}
+    labels = image_labels(paths)
+    index = {label: i for i, label in enumerate(labels)} | {"": 0}
     lines_of_image = read_polylines(file)
     if unknown := sorted(set(lines_of_image) - set(index)):
-        raise ValueError(f"{file}: names {unknown[0]}, which is not one of the images ({paths[0].name} ...)")
+        same = [label for label, path in zip(labels, paths, strict=True) if path.name == unknown[0]]
+        raise ValueError(
+            f"{file}: names {unknown[0]}, which several images are named: use {', '.join(same[:MAX_LISTED_LABELS])}"
+            if same
+            else f"{file}: names {unknown[0]}, which is not one of the images ({labels[0]} ...)"
+        )
     lines = [(line, index[name]) for name, part in lines_of_image.items() for line in part]
     chains = PixelChains.from_arrays([line for line, _ in lines], [i for _, i in lines])
-    return LineObservations(chains, size, None, True, _names(paths))
-
-
-def _names(paths: Sequence[Path]) -> tuple[str, ...]:
-    return tuple(path.name for path in paths)
+    return LineObservations(chains, size, None, True, tuple(labels))
 
 
 def _common_size(paths: Sequence[Path], apply_exif: bool) -> tuple[int, int]:
