@@ -95,6 +95,19 @@ def test_image_theta_max_of_an_image_larger_than_the_lens_is_that_of_the_model()
     assert camera.image_theta_max() == camera.model.theta_max
 
 
+def test_the_field_of_view_of_an_image_beside_the_axis_is_that_between_its_edges():
+    whole = om.perspective((640, 480), 90)
+    values = whole.model.to_dict()
+    right = Camera(whole.model.with_values({"cx": values["cx"] - 400}), (240, 480))  # columns 400 to 639
+    focal, left = values["fx"], 400 - 0.5 - values["cx"]
+    expected = np.degrees(np.arctan2(left + 240, focal) - np.arctan2(left, focal))
+    assert right.fov.horizontal == pytest.approx(expected)
+    assert right.fov.vertical < whole.fov.vertical
+    low, high = np.array([[left, 240.0, focal], [left + 240, -240.0, focal]])
+    diagonal = np.degrees(np.arccos(low @ high / np.linalg.norm(low) / np.linalg.norm(high)))
+    assert right.fov.diagonal == pytest.approx(diagonal)
+
+
 # -- another size of the same image ---------------------------------------------------------------------------
 
 

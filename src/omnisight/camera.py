@@ -12,7 +12,7 @@ from omnisight.array_kinds import like, to_numpy
 from omnisight.display import Displayed, named_tuple_text
 from omnisight.file_fields import rescaled_fields
 from omnisight.geometry.rays import Rays
-from omnisight.geometry.sphere import angle_from_axis
+from omnisight.geometry.sphere import angle_between, angle_from_axis
 from omnisight.models import CameraModel, Projector
 
 Array = NDArray[np.float64]
@@ -173,16 +173,23 @@ class Camera(BaseCamera[CameraModel]):
     def fov(self) -> "FieldOfView":
         """Field of view in degrees, as in `perspective`: horizontal, vertical and diagonal.
 
-        The angles between opposite edges and corners of the image, through the pixel of the axis.
+        The angles between opposite edges and corners of the image, through the pixel of the axis. If the axis is
+        outside the image, they are those between two bearings, of edges at the row and column nearest to the axis.
         """
-        (u0, v0), right, bottom = (
+        axis, right, bottom = (
             self.model.project_numpy(np.array([[0.0, 0.0, 1.0]]))[0][0],
             self.width - 0.5,
             self.height - 0.5,
         )
+        u0, v0 = np.clip(axis, -0.5, [right, bottom])
         ends = [[(-0.5, v0), (right, v0)], [(u0, -0.5), (u0, bottom)], [(-0.5, -0.5), (right, bottom)]]
         bearings, _ = self.model.unproject_numpy(np.reshape(ends, (6, 2)))
-        angles = angle_from_axis(bearings).reshape(3, 2).sum(1) if all(self.size) else np.full(3, np.nan)
+        if not all(self.size):
+            angles = np.full(3, np.nan)
+        elif self.in_image(axis):
+            angles = angle_from_axis(bearings).reshape(3, 2).sum(1)
+        else:
+            angles = angle_between(bearings[::2], bearings[1::2])
         return FieldOfView(*np.degrees(angles).tolist())
 
     @property

@@ -11,6 +11,11 @@ def angle_from_axis(directions: Array) -> Array:
     return np.arctan2(np.hypot(directions[..., 0], directions[..., 1]), directions[..., 2])
 
 
+def angle_between(a: Array, b: Array) -> Array:
+    """Return the angles (...), radians, between unit vectors (..., 3)."""
+    return 2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+
+
 def polar(theta: Array, phi: Array) -> Array:
     """Return the bearings (..., 3) at angles from the axis and azimuths, radians; azimuth 0 is x, pi/2 is y."""
     s = np.sin(theta)
