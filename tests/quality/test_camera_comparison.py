@@ -56,6 +56,21 @@ def test_estimates_with_larger_errors_than_specified_are_different():
     assert "differ by more than their uncertainties" in max(comparisons, key=lambda c: c.rms).sentence
 
 
+def test_a_covariance_of_zero_is_an_unknown_uncertainty():
+    held = dataclasses.replace(FISHEYE, covariance=np.zeros((8, 8)))
+    other = drawn(np.random.default_rng(3))
+    comparison = CameraComparison.of(held, other, columns=24)
+    assert comparison.uncertainties[0] is None
+    assert comparison.uncertainties[1] is not None
+    assert "the uncertainty of b:" in comparison.sentence
+
+
+def test_an_angle_with_too_few_pixels_of_the_grid_is_named():
+    with pytest.raises(ValueError, match=r"--max-theta 0.5: \d+ of the pixels of the grid of a .* more --columns"):
+        om.compare(FISHEYE, FISHEYE, om.CompareOptions(max_theta=0.5))
+    assert om.compare(FISHEYE, FISHEYE, om.CompareOptions(max_theta=0.5, columns=1000)).verdict == "equal"
+
+
 def test_the_difference_of_two_pinhole_cameras_is_the_closed_form():
     a = om.Camera(model_class("pinhole")(300.0, 300.0, 319.5, 239.5), (640, 480))
     b = om.Camera(model_class("pinhole")(303.0, 303.0, 319.5, 239.5), (640, 480))

@@ -17,7 +17,7 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed, rounded
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.sphere import angle_from_axis
-from omnisight.quality.difference_test import DifferenceTest
+from omnisight.quality.difference_test import DifferenceTest, has_uncertainty
 from omnisight.quality.uncertainty import Uncertainty
 
 Array = NDArray[np.float64]
@@ -127,7 +127,14 @@ class CameraComparison(Displayed):
         v = np.linspace(0, a.height - 1, max(2, round(columns * a.height / a.width)))
         pixels = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
         bearings, valid = a.unproject(pixels)
-        seen = valid & a.calibrated(bearings) & (angle_from_axis(bearings) <= max_theta)
+        calibrated = valid & a.calibrated(bearings)
+        seen = calibrated & (angle_from_axis(bearings) <= max_theta)
+        if seen.sum() < MIN_COMMON <= calibrated.sum():
+            raise ValueError(
+                f"--max-theta {np.degrees(max_theta):g}: {seen.sum()} of the pixels of the grid of {names[0]} are"
+                f" within this angle of the axis, and {MIN_COMMON} are needed: specify a larger angle, or more"
+                " --columns"
+            )
         is_mirrored = _are_mirrored(b, bearings[seen], pixels[seen])
         bearings = bearings @ MIRROR if is_mirrored else bearings
         rotation = _common_rotation(b, bearings[seen], pixels[seen], names)
@@ -263,7 +270,7 @@ def _difference(b: Camera, bearings: Array, pixels: Array) -> Array:
 
 def _uncertainty(camera: Camera, bearings: Array, where: Bools) -> Array | None:
     """Return the projection uncertainty (N,) of bearings (N, 3), px, NaN outside `where`; None if it is unknown."""
-    if camera.covariance is None:
+    if not has_uncertainty(camera):
         return None
     result = np.full(len(bearings), np.nan)
     covariance = Uncertainty.of(camera).projection(bearings[where])

@@ -48,7 +48,7 @@ class DifferenceTest(Displayed):
     @classmethod
     def of(cls, a: Camera, b: Camera, of_a: Array, of_b: Array) -> Self:
         """Test the difference at the same directions (N, 3) in the frames of two cameras, after the best rotation."""
-        factors = [_factor(camera, at) for camera, at in ((a, of_a), (b, of_b)) if _is_known(camera)]
+        factors = [_factor(camera, at) for camera, at in ((a, of_a), (b, of_b)) if has_uncertainty(camera)]
         if not factors:
             return cls()
         projected, _, d_point, _ = b.model.project_with_jacobians(of_b)
@@ -75,7 +75,8 @@ class DifferenceTest(Displayed):
         )
 
 
-def _is_known(camera: Camera) -> bool:
+def has_uncertainty(camera: Camera) -> bool:
+    """Return whether the uncertainty of a camera is known: zero is that of parameters that were not estimated."""
     return camera.covariance is not None and bool(np.any(camera.covariance))
 
 
