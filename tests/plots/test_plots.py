@@ -1,5 +1,6 @@
 """Plots for notebooks."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -75,6 +76,11 @@ def test_the_uncertainty_needs_a_covariance():
     drawn(om.plot_uncertainty(CAMERA))
     with pytest.raises(ValueError, match="the camera has no covariance"):
         om.plot_uncertainty(om.perspective())
+
+
+def test_the_uncertainty_needs_an_image_size():
+    with pytest.raises(ValueError, match="the camera has no image size"):
+        om.plot_uncertainty(dataclasses.replace(CAMERA, size=(0, 0)))
 
 
 def test_residuals_and_coverage_have_all_corners(calibration):

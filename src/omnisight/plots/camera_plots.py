@@ -58,9 +58,14 @@ def plot_uncertainty(camera: CameraSource) -> Any:
     Raises
     ------
     ValueError
-        If the camera has no covariance.
+        If the camera has no covariance or no image size.
     """
     central = central_camera(camera)
+    if not all(central.size):
+        raise ValueError(
+            "the camera has no image size, and its uncertainty is plotted over the image: add the size to the file, or"
+            " use dataclasses.replace(camera, size=(width, height))"
+        )
     result = UncertaintyMap.of(central)
     figure = new_figure(width=9.0)
     phi = np.append(result.phi, 2 * np.pi)
