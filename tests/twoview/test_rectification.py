@@ -127,6 +127,8 @@ def test_remap_shows_a_point_in_its_row_and_column():
     [
         (om.Pose(), 1.0, "the baseline is 0: stereo needs two cameras in different places"),
         (om.Pose(np.eye(3), np.array([np.nan, 0, 0])), 1.0, "the baseline is nan"),
+        (POSES["sideways"], np.inf, "the smallest distance is inf, but must be finite"),
+        (POSES["sideways"], np.nan, "the smallest distance is nan, but must be finite"),
         (POSES["sideways"], 0.1, "the smallest distance is 0.1, but must be larger than the baseline, which is 0.2"),
     ],
 )

@@ -139,13 +139,15 @@ def rectify(
     Raises
     ------
     ValueError
-        If the baseline is zero, the smallest distance is not larger than the baseline, or the cameras see no common
-        direction.
+        If the baseline is zero, the smallest distance is infinite or not larger than the baseline, or the cameras see
+        no common direction.
     """
     baseline = float(np.linalg.norm(b_from_a.translation))
     if not 0 < baseline < np.inf:
         raise ValueError(f"the baseline is {baseline:g}: stereo needs two cameras in different places")
-    if not baseline < min_distance < np.inf:
+    if not np.isfinite(min_distance):
+        raise ValueError(f"the smallest distance is {min_distance:g}, but must be finite")
+    if not baseline < min_distance:
         raise ValueError(
             f"the smallest distance is {min_distance:g}, but must be larger than the baseline, which is {baseline:g}"
         )
