@@ -64,3 +64,13 @@ def test_invalid_sensors_are_rejected(refuses, common):
     assert "--imu must be from 0 to 10000 Hz" in refuses(*common, "--imu", -5)
     message = "--origin must be LATITUDE,LONGITUDE,ALTITUDE, such as 47.3769,8.5417,408, got 'Zurich'"
     assert message in refuses(*common, "--origin", "Zurich")
+
+
+def test_options_of_sensors_that_are_not_simulated_are_refused(run, refuses, common):
+    message = "--sensor-noise 0: there is no sensor of the motion: add --imu, --odometry or --gnss RATE"
+    assert message in refuses(*common, "--sensor-noise", 0)
+    message = "--origin -33.9,18.4,20: nothing depends on it: add --gnss RATE"
+    assert message in refuses(*common, "--origin", "-33.9,18.4,20")
+    assert message in refuses(*common, "--origin", "-33.9,18.4,20", "--imu", 200)
+    street = [argument if argument != "lines" else "street" for argument in common]
+    assert run(*street, "--frames", 1, "--origin", "-33.9,18.4,20", "--time", "10:00")[0] == 0

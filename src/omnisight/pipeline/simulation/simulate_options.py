@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnisight.motion_sensor_options import MotionSensors
 from omnisight.pipeline.simulation.rendering_options import RenderingOptions
 from omnisight.rig import Rig, Sensor
 from omnisight.simulation.exports import get_export
@@ -51,7 +52,22 @@ class SimulateOptions(RenderingOptions):
         if self.circle is not None and not 0 <= self.circle[0] < self.circle[1] <= 180:
             low, high = self.circle
             raise ValueError(f"--circle must be two angles from 0 to 180 degrees, such as 0:95, got {low:g}:{high:g}")
+        self._check_motion_sensors()
         for name in self.export:
             if get_export(name).NEEDS_IMU and not self.motion_sensors.imu:
                 raise ValueError(f"--export {name} needs an IMU: add --imu RATE, such as --imu 200")
         check_sensor(exposure=self.exposure, blur=self.blur, noise=self.noise, jpeg=self.jpeg)
+
+    def _check_motion_sensors(self) -> None:
+        """Raise ValueError for options of sensors of the motion that are not simulated."""
+        sensors = self.motion_sensors
+        if sensors.noise != MotionSensors.noise and not sensors:
+            raise ValueError(
+                f"--sensor-noise {sensors.noise:g}: there is no sensor of the motion: add --imu, --odometry or --gnss"
+                " RATE, such as --imu 200 (--noise is the noise of the images)"
+            )
+        if sensors.origin != MotionSensors.origin and not sensors.gnss and self.conditions.time is None:
+            raise ValueError(
+                f"--origin {','.join(f'{value:g}' for value in sensors.origin)}: nothing depends on it: add --gnss"
+                " RATE, such as --gnss 5, or --time HH:MM for the sun at its latitude"
+            )
