@@ -10,7 +10,7 @@ from batch_tasks import Reverse, run
 
 from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
-from omnisight.pipeline.batch.storage import file_system
+from omnisight.pipeline.batch.storage import file_system, list_images, read_file
 from omnisight.pipeline.stitching.stitch_batch import stitch_batch
 
 ONE = BatchOptions(workers=1)
@@ -67,6 +67,12 @@ def test_another_archive_is_refused_and_the_same_one_by_another_path_continues(t
         ("zip://*::zip://a.zip::/x.zip", "zip://*::zip://b.zip::/x.zip", False),
         ("zip://*::/x.tar", "tar://*::/x.tar", False),
         ("images", "file:///elsewhere", True),
+        ("images", "local:///elsewhere", True),
+        ("gs://bucket/a", "gcs://bucket/b", True),
+        ("s3a://bucket/a", "simplecache::s3://bucket/b", True),
+        ("az://bucket/a", "s3://bucket/b", False),
+        ("zip://*::gs://bucket/a.zip", "zip://*::gcs://bucket/a.zip", True),
+        ("zip://*::gs://bucket/a.zip", "zip://*::gcs://bucket/b.zip", False),
     ],
 )
 def test_file_systems_differ_by_protocol_and_archive(a, b, is_same):
@@ -77,3 +83,14 @@ def test_images_of_cameras_in_different_archives_are_refused_before_they_are_rea
     sources = [f"zip://*::{tmp_path / name}.zip" for name in ("front", "back")]
     with pytest.raises(ValueError, match=r"front\.zip and .*back\.zip are in different archives or storages.*extract"):
         stitch_batch(sources, Batch(str(tmp_path / "out"), ONE))
+
+
+@pytest.mark.parametrize("archive", ["images.zip", "file://images.zip"])
+def test_a_rewritten_archive_is_read_again(tmp_path, monkeypatch, archive):
+    monkeypatch.chdir(tmp_path)
+    for names in (["a.png"], ["a.png", "b.png"]):
+        with zipfile.ZipFile(tmp_path / "images.zip", "w") as file:
+            for name in names:
+                file.writestr(name, f"{name} of {len(names)}")
+        assert list(list_images(f"zip://*.png::{archive}", str(tmp_path / "out"))) == names
+        assert read_file(f"zip://*.png::{archive}", names[-1]) == f"{names[-1]} of {len(names)}".encode()

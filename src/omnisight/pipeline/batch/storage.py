@@ -12,6 +12,7 @@ from typing import Any
 import fsspec
 from fsspec.core import split_protocol
 from fsspec.implementations.local import make_path_posix
+from fsspec.registry import known_implementations
 
 from omnisight.images.collect import IMAGE_SUFFIXES, natural_sort_key
 from omnisight.images.write import write_bytes
@@ -44,19 +45,39 @@ def file_system(url: str) -> str:
     """Return what two URLs of one file system have in common: the protocol, and the archive if they are in one."""
     *inner, last = absolute_url(url).split("::")
     links = [link for link in inner if "://" in link]  # without caches, such as simplecache::s3://bucket/folder
-    protocol = split_protocol((links or [last])[0])[0] or "file"
-    archive = last if split_protocol(last)[0] else Path(os.path.realpath(last)).as_posix()
+    protocol = _storage(split_protocol((links or [last])[0])[0])
+    of_archive, path = split_protocol(last)
+    archive = f"{_storage(of_archive)}://{path if of_archive else Path(os.path.realpath(last)).as_posix()}"
     return "::".join([protocol, *links[1:], archive] if links else [protocol])
+
+
+def _storage(protocol: str | None) -> str:
+    """Return the name of the storage of a protocol, which may have several: gs and gcs, s3 and s3a, file and local."""
+    name = protocol or "file"
+    return str(known_implementations.get(name, {}).get("class", name))
 
 
 def _filesystem(url: str) -> tuple[Any, str]:
     """Return the file system of a URL, and the path in it."""
-    return _opened(absolute_url(url))
+    url = absolute_url(url)
+    return _opened(url, _local_archive_version(url))
+
+
+def _local_archive_version(url: str) -> tuple[int, int]:
+    """Return the time of the last change (ns) and the size of a local archive, which is opened again if they change."""
+    *links, last = url.split("::")
+    if not links or split_protocol(last)[0] not in LOCAL_PROTOCOLS:
+        return 0, 0
+    try:
+        found = os.stat(last)
+    except OSError:  # an error of the file system names the file
+        return 0, 0
+    return found.st_mtime_ns, found.st_size
 
 
 @cache
-def _opened(url: str) -> tuple[Any, str]:
-    """Return the file system of a URL that is absolute, and the path in it."""
+def _opened(url: str, version: tuple[int, int]) -> tuple[Any, str]:
+    """Return the file system of a URL that is absolute, and the path in it; `version` is that of its local archive."""
     try:
         return fsspec.core.url_to_fs(url)
     except ImportError as error:
