@@ -155,7 +155,8 @@ def _describe_scale(model: Reconstruction) -> str:
     sigma = model.scale_sigma
     if sigma >= 1:
         return "unknown: the cameras of the rig are too close to each other for the distance of the points"
-    return f"metres, ± {sigma:.2%} (1σ)" if np.isfinite(sigma) else "metres"
+    of = ", median of the distances of points" if len(model.rig_from_world) == 1 else ""
+    return f"metres, ± {sigma:.2%} (1σ{of})" if np.isfinite(sigma) else "metres"
 
 
 def _print_georeference(georeference: Georeference, model: Reconstruction) -> None:

@@ -139,18 +139,30 @@ class Reconstruction(Displayed):
 
     @property
     def scale_sigma(self) -> float:
-        """Relative standard deviation of the distance of the farthest frame: of the scale, if it is the metre."""
+        """Relative standard deviation of the scale, if it is the metre: of the distance of the farthest frame.
+
+        For frames in one place, such as the only one of a rig, it is the median of the distances of the points.
+        """
         positions = np.array([pose.inverse().translation for pose in self.rig_from_world])
         baselines = positions - positions[0]
         farthest = int(np.linalg.norm(baselines, axis=1).argmax())
         length = float(np.linalg.norm(baselines[farthest]))
         if not length:
-            return float("nan")
+            return self._point_distance_sigma(positions[0])
         along, variance = baselines[farthest] / length, 0.0
         for frame in (0, farthest):
             covariance = self.rig_from_world[frame].position_covariance(self.pose_covariance[frame])
             variance += along @ covariance @ along
         return float(np.sqrt(variance)) / length
+
+    def _point_distance_sigma(self, position: Array) -> float:
+        """Return the median relative standard deviation of the distances of points from a position; NaN without."""
+        if not len(self.points):
+            return float("nan")
+        offsets = self.points.position - position
+        distances = np.linalg.norm(offsets, axis=1)
+        variances = np.einsum("ni,nij,nj->n", offsets, self.points.covariance, offsets) / distances**4
+        return float(np.median(np.sqrt(variances)))
 
     @property
     def rms_px(self) -> float:
