@@ -130,6 +130,41 @@ def test_sound_of_any_layout_and_rate_is_kept(tmp_path, layout, codec, rate, suf
     assert np.argmax(spectrum) * 5 == pytest.approx(BEEP_HZ, abs=5)
 
 
+def test_sound_whose_layout_and_rate_change_is_kept(tmp_path):
+    seconds = 0.192  # 6 blocks of AC3 at 48 kHz, and 4 at 32 kHz
+    with av.open(str(tmp_path / "clip.mkv"), "w") as container:
+        video = container.add_stream("libx264", rate=RATE, options={"preset": "ultrafast"})
+        video.width, video.height, video.pix_fmt = *SIZE, "yuv420p"
+        sound = container.add_stream("ac3", rate=48_000, layout="mono")
+        for k in range(20):
+            frame = av.VideoFrame.from_ndarray(gray_frame(30))
+            frame.pts, frame.time_base = k, Fraction(1, RATE)
+            container.mux(video.encode(frame))
+        container.mux(video.encode(None))
+        for k, (layout, rate) in enumerate([("mono", 48_000), ("stereo", 48_000), ("mono", 32_000), ("5.1", 48_000)]):
+            encoder = av.CodecContext.create("ac3", "w")
+            encoder.sample_rate, encoder.layout, encoder.format = rate, layout, "fltp"
+            tone = 0.5 * np.sin(2 * np.pi * BEEP_HZ * np.arange(round(seconds * rate)) / rate)
+            samples = np.tile(tone.astype(np.float32), (encoder.layout.nb_channels, 1))
+            block = av.AudioFrame.from_ndarray(samples, "fltp", layout)
+            block.sample_rate, block.pts, block.time_base = rate, 0, Fraction(1, rate)
+            for packet in [*encoder.encode(block), *encoder.encode(None)]:
+                packet.stream = sound
+                at = round((packet.pts * packet.time_base + Fraction(seconds) * k) * 48_000)
+                packet.pts = packet.dts = max(at, 0)
+                packet.time_base = Fraction(1, 48_000)
+                container.mux(packet)
+    with av.open(str(copy(tmp_path / "clip.mkv", tmp_path / "copy.webm"))) as container:
+        (stream,) = container.streams.audio
+        blocks = [frame.to_ndarray()[0] for frame in container.decode(stream)]
+    samples = np.concatenate(blocks)
+    assert len(samples) / 48_000 == pytest.approx(4 * seconds, abs=0.1)
+    for k in range(4):
+        start = round((k + 0.4) * seconds * 48_000)
+        spectrum = np.abs(np.fft.rfft(samples[start : start + 4800]))
+        assert np.argmax(spectrum) * 10 == pytest.approx(BEEP_HZ, abs=20)
+
+
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="lists open files")
 @pytest.mark.parametrize(
     ("encoder", "message"), [("aac", "cannot be converted to stereo"), ("libopus", "cannot encode")]

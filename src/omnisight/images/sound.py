@@ -1,6 +1,7 @@
 """The sound of a clip, copied to another file beside its new images."""
 
 from collections.abc import Generator, Sequence
+from fractions import Fraction
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,7 @@ class Sound:
         ValueError
             If a track can neither be copied nor encoded.
         """
-        self._output, self._resamplers = output, dict[int, Any]()
+        self._output, self._encoded_tracks = output, dict[int, _EncodedTrack]()
         self._targets = dict[int, Any]()
         self._name = Path(clip.name).name
         self._start = (clip.start_time or 0) / CONTAINER_UNITS
@@ -48,7 +49,8 @@ class Sound:
             if suffix not in COPIED or stream.codec_context.codec.canonical_name in COPIED[suffix]:
                 self._targets[stream.index] = output.add_stream_from_template(stream)
             else:
-                self._targets[stream.index] = self._encoder(stream, suffix)
+                self._targets[stream.index] = target = self._encoder(stream, suffix)
+                self._encoded_tracks[stream.index] = _EncodedTrack(target, self._name)
         self._packets = self._read(clip)
         self._next: tuple[float, list[Any]] | None = None
 
@@ -68,10 +70,8 @@ class Sound:
 
     def finish(self) -> None:
         """Write what the encoders still hold."""
-        for index in self._resamplers:
-            for frame in self._resampled(None, index):
-                self._output.mux(self._targets[index].encode(frame))
-            self._output.mux(self._targets[index].encode(None))
+        for track in self._encoded_tracks.values():
+            self._output.mux(track.finish())
 
     def _read(self, clip: Any) -> Generator[tuple[float, list[Any]]]:
         """Return the time and the packets to write of each packet of the clip."""
@@ -86,46 +86,81 @@ class Sound:
                 continue
             seconds = float(packet.pts * packet.time_base)
             index = packet.stream.index
-            if index in self._resamplers:
-                yield seconds, self._encoded(packet, index)
+            if index in self._encoded_tracks:
+                yield seconds, self._encoded_tracks[index].encode(packet)
             else:
                 packet.stream = self._targets[index]
                 yield seconds, [packet]
 
     def _encoder(self, stream: Any, suffix: str) -> Any:
-        import av
-
+        """Return an encoded track of the output."""
         name = ENCODERS.get(suffix, DEFAULT_ENCODER)
         layout, rate = _accepted_settings(name, stream)
         target = self._output.add_stream(name, rate=rate, layout=layout)
         target.codec_context.open()
-        self._resamplers[stream.index] = av.AudioResampler(
-            target.format, target.layout, rate, frame_size=target.codec_context.frame_size or None
-        )
         return target
 
-    def _encoded(self, packet: Any, index: int) -> list[Any]:
+
+class _EncodedTrack:
+    """A track that is encoded anew; the layout and the sampling rate of its clip may change.
+
+    A converter of each layout and rate is followed by one that divides the samples into blocks of the encoder.
+    """
+
+    def __init__(self, target: Any, name: str) -> None:
+        import av
+
+        self._target, self._name = target, name
+        self._converter: Any = None
+        self._converted: Any = None
+        self._blocks = av.AudioResampler(
+            target.format, target.layout, target.rate, frame_size=target.codec_context.frame_size or None
+        )
+
+    def encode(self, packet: Any) -> list[Any]:
+        """Return the packets to write for a packet of the clip; none for a damaged one."""
         from av.error import FFmpegError
 
         try:
             decoded = packet.decode()
         except FFmpegError:  # a damaged packet
             return []
-        frames = [out for frame in decoded for out in self._resampled(frame, index)]
-        return [encoded for frame in frames for encoded in self._targets[index].encode(frame)]
+        return [encoded for frame in decoded for encoded in self._encoded(self._convert(frame))]
 
-    def _resampled(self, frame: Any, index: int) -> list[Any]:
-        """Return the frames for the encoder of a track, after a decoded one or, for None, at the end."""
+    def finish(self) -> list[Any]:
+        """Return the packets that converters and encoder still hold."""
+        remaining = [] if self._converter is None else self._converter.resample(None)
+        return [*self._encoded([*remaining, None]), *self._target.encode(None)]
+
+    def _encoded(self, converted: Sequence[Any]) -> list[Any]:
+        """Return the packets of converted frames; None is the end."""
+        blocks = [block for frame in converted for block in self._blocks.resample(self._timed(frame))]
+        return [packet for block in blocks for packet in self._target.encode(block)]
+
+    def _timed(self, frame: Any) -> Any:
+        """Return a frame whose time is in samples: the unit of a converter depends on the frames it takes."""
+        if frame is not None and frame.pts is not None and frame.time_base is not None:
+            frame.pts = round(frame.pts * frame.time_base * self._target.rate)
+            frame.time_base = Fraction(1, self._target.rate)
+        return frame
+
+    def _convert(self, frame: Any) -> list[Any]:
+        """Return the frames in the layout and at the rate of the encoder, after a decoded one."""
+        import av
         from av.error import FFmpegError
 
+        target, given = self._target, (frame.format.name, frame.layout.name, frame.sample_rate)
+        before = list[Any]()
         try:
-            return self._resamplers[index].resample(frame)
-        except (FFmpegError, ValueError) as error:  # ValueError: the layout or the rate changes within the clip
-            target = self._targets[index]
-            given = "" if frame is None else f" of {frame.layout.name}, {frame.sample_rate} Hz"
+            if given != self._converted:
+                before = [] if self._converter is None else self._converter.resample(None)
+                self._converter = av.AudioResampler(target.format, target.layout, target.rate)
+                self._converted = given
+            return [*before, *self._converter.resample(frame)]
+        except FFmpegError as error:
             raise ValueError(
-                f"{self._name}: the sound{given} cannot be converted to {target.layout.name}, {target.rate} Hz"
-                f" ({error}): {WITHOUT_SOUND}"
+                f"{self._name}: the sound of {frame.layout.name}, {frame.sample_rate} Hz cannot be converted to"
+                f" {target.layout.name}, {target.rate} Hz ({error}): {WITHOUT_SOUND}"
             ) from None
 
 
