@@ -8,6 +8,9 @@ from numba.extending import intrinsic
 
 from omnisight.compiled import njit_driver, njit_inlined
 
+# Entries of the first block of an inverted list; each further block adds half of the length of the list.
+BLOCK = 16
+
 
 @intrinsic
 def count_ones(typing_context, bits):
@@ -64,35 +67,43 @@ def nearest_words(bits, pivots, starts, words, searched, found, first, last):
 
 
 @njit_driver
-def append(bits, words, image, used, ends, following, fill, entry_bits, entry_image):
-    """Append descriptors (N, L) of an image to the lists of their words (N,); return the number of used blocks.
+def append(bits, words, image, done, used, lists, blocks, entry_bits, entry_image):
+    """Append descriptors done ... N of (N, L) of an image to the lists of their words (N,).
 
     Parameters
     ----------
-    used
-        Number of used blocks so far.
-    ends, following, fill, entry_bits, entry_image
+    used, lists, blocks, entry_bits, entry_image
         See `InvertedLists`.
+
+    Returns
+    -------
+    Number of descriptors that are appended: fewer than N if there is no room for another block.
     """
-    for n in range(len(bits)):
+    for n in range(done, len(bits)):
         word = words[n]
-        block = ends[word, 1]
-        if block < 0 or fill[block] == entry_image.shape[1]:
-            if block < 0:
-                ends[word, 0] = used
+        last = lists[word, 1]
+        if last < 0 or blocks[last, 2] == blocks[last, 1]:
+            capacity = max(BLOCK, lists[word, 2] // 2)
+            if used[0] == len(blocks) or used[1] + capacity > len(entry_image):
+                return n
+            new = used[0]
+            blocks[new, 0], blocks[new, 1], blocks[new, 2], blocks[new, 3] = used[1], capacity, 0, -1
+            if last < 0:
+                lists[word, 0] = new
             else:
-                following[block] = used
-            following[used], fill[used] = -1, 0
-            ends[word, 1] = block = used
-            used += 1
-        entry_bits[block, fill[block]] = bits[n]
-        entry_image[block, fill[block]] = image
-        fill[block] += 1
-    return used
+                blocks[last, 3] = new
+            lists[word, 1] = last = new
+            used[0] += 1
+            used[1] += capacity
+        entry = blocks[last, 0] + blocks[last, 2]
+        entry_bits[entry], entry_image[entry] = bits[n], image
+        blocks[last, 2] += 1
+        lists[word, 2] += 1
+    return len(bits)
 
 
 @njit_driver
-def vote(bits, words, similarity, votes, ends, following, fill, entry_bits, entry_image):
+def vote(bits, words, similarity, votes, lists, blocks, entry_bits, entry_image):
     """Add the votes of descriptors (N, L) to votes (I,) of the first images.
 
     Each descriptor has one vote, which it shares between its own image and those with similar descriptors, in
@@ -104,7 +115,7 @@ def vote(bits, words, similarity, votes, ends, following, fill, entry_bits, entr
         (N, C) words whose lists are searched for each descriptor.
     similarity
         (D,) of descriptors with 0 ... D - 1 different bits; more are not similar.
-    ends, following, fill, entry_bits, entry_image
+    lists, blocks, entry_bits, entry_image
         See `InvertedLists`.
     """
     limit = len(similarity)
@@ -113,18 +124,19 @@ def vote(bits, words, similarity, votes, ends, following, fill, entry_bits, entr
     for n in range(len(bits)):
         count = 0
         for word in words[n]:
-            block = ends[word, 0]
+            block = lists[word, 0]
             while block >= 0:
-                for k in range(fill[block]):
-                    distance = hamming(bits[n], entry_bits[block, k])
-                    image = entry_image[block, k]
-                    if distance >= limit or image >= len(votes):
+                first, filled = blocks[block, 0], blocks[block, 2]
+                for entry in range(first, first + filled):
+                    distance = hamming(bits[n], entry_bits[entry])
+                    if distance >= limit or entry_image[entry] >= len(votes):
                         continue
+                    image = entry_image[entry]
                     if nearest[image] == limit:
                         similar[count] = image
                         count += 1
                     nearest[image] = min(nearest[image], distance)
-                block = following[block]
+                block = blocks[block, 3]
         total = 1.0
         for image in similar[:count]:
             total += similarity[nearest[image]]
