@@ -9,8 +9,9 @@ torch = pytest.importorskip("torch")
 
 import omnisight as om
 from every_model import AZIMUTHS, direction, every_camera, every_model, inside, rim
-from omnisight.torch import Camera, Pose, fused_kernels
+from omnisight.torch import Camera, Pose
 from omnisight.torch.domain_constants import kept_by_version, numpy_model
+from uncompiled_kernels import run_uncompiled_kernels
 
 SIZE = (640, 480)
 # Points that no model projects.
@@ -24,12 +25,7 @@ def code(request, monkeypatch):
     if request.param == "formulas":
         monkeypatch.setattr("omnisight.torch.camera.fast_code", lambda *_: None)
     if request.param == "kernels":
-        monkeypatch.setattr("omnisight.torch.camera.fast_code", lambda *_: fused_kernels)
-        monkeypatch.setattr(torch, "compile", lambda function, **_: function)
-        monkeypatch.setattr(fused_kernels, "_compiled", lambda function, *_: function)
-        kernels = "values_kernel", "gradients_kernel", "map_kernel", "remap_kernel"
-        for kernel in map(fused_kernels.__dict__.get, kernels):
-            monkeypatch.setattr(fused_kernels, kernel.__name__, kernel.__wrapped__)
+        run_uncompiled_kernels(monkeypatch)
 
 
 def camera_of(model, **options):

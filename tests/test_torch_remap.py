@@ -8,6 +8,7 @@ torch = pytest.importorskip("torch")
 
 import omnisight as om
 from omnisight.torch import Camera, sample
+from uncompiled_kernels import run_uncompiled_kernels
 
 RIM = om.fisheye(240, fov=200)
 
@@ -99,6 +100,24 @@ def test_batches_of_rotations():
     assert valid.shape == (2, 24, 32)
     for rotation, view in zip(rotations, views, strict=True):
         torch.testing.assert_close(camera.remap(image, target, rotation)[0], view, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+@pytest.mark.parametrize("target", [om.perspective((80, 60), 90), om.sphere(60), om.fisheye(40)])
+@pytest.mark.parametrize("leads", [((), ()), ((2,), ()), ((), (3,)), ((3,), (3,)), ((1, 2), (3, 1))], ids=str)
+def test_the_kernel_of_a_gpu_equals_the_cpu(leads, target, antialias, monkeypatch):
+    images, rotations = leads
+    source, generator = Camera(om.sphere(256)), torch.Generator().manual_seed(0)
+    image = torch.rand(*images, 3, 128, 256, dtype=torch.float64, generator=generator)
+    turns = [om.look(yaw=150 + 40 * k, pitch=20) for k in range(int(np.prod(rotations)))]
+    inputs = image, Camera(target), torch.tensor(np.array(turns)).reshape(*rotations, 3, 3)
+    with torch.no_grad():
+        view, valid = source.remap(*inputs, antialias=antialias)
+        run_uncompiled_kernels(monkeypatch)
+        of_kernel, valid_of_kernel = source.remap(*inputs, antialias=antialias)
+    assert view.shape == (*torch.broadcast_shapes(images, rotations), 3, *target.size[::-1])
+    torch.testing.assert_close(of_kernel, view, rtol=0, atol=1e-6)
+    assert torch.equal(valid_of_kernel, valid)
 
 
 def test_derivatives_by_image_pixels_parameters_and_rotation():
