@@ -72,7 +72,8 @@ class Camera(nn.Module):
         """Fuse the operations of each function to one or a few kernels on a GPU, compiled at its first call.
 
         Compilation takes seconds for a closed formula, 20 s for an iteration, and is repeated for another type of
-        points. It changes nothing on the CPU, whose loops are compiled, and inside `torch.compile`, which fuses itself.
+        points. It changes nothing on the CPU, whose loops are compiled, inside `torch.compile`, which fuses itself, and
+        for models with tables (`spline`), whose compilation would take minutes.
 
         Raises
         ------
@@ -152,7 +153,7 @@ class Camera(nn.Module):
             (..., height, width), whether the pixel lies in the image of this camera.
         """
         view = self._bound_map(target, target_from_source)
-        code = fast_code(self._is_fused, *view.variables)
+        code = fast_code(self._fuses(*view.formulas), *view.variables)
         if code is not None and not has_gradient(*view.variables):
             return code.view_map(view)
         return self._map_at(target.grid(view.rotation.dtype), target, view.rotation)
@@ -188,13 +189,17 @@ class Camera(nn.Module):
             raise ValueError(f"the image is {found} px, but its camera {expected}: scale the camera (Camera.scaled)")
         view, periodic = self._bound_map(target, target_from_source), self.period is not None
         inputs = image, *view.variables
-        is_fused = fast_code(self._is_fused, *inputs) is fused_kernels and not has_gradient(*inputs)
+        is_fused = fast_code(self._fuses(*view.formulas), *inputs) is fused_kernels and not has_gradient(*inputs)
         if is_fused and fused_kernels.can_remap(view, image):
             footprint = self._footprint(*self._neighbours(target, view.rotation)) if antialias else None
             return fused_kernels.remap(view, image, footprint, periodic=periodic)
         pixels, valid = self.map(target, target_from_source)
         footprint = self._footprint(*(pixels[..., v, u, :] for u, v in target._sparse_grid())) if antialias else None
         return sample(image, pixels, valid, footprint=footprint, periodic=periodic), valid
+
+    def _fuses(self, *formulas: Formula) -> bool:
+        """Return whether kernels may evaluate formulas."""
+        return self._is_fused and not any(formula.has_tables for formula in formulas)
 
     def _bound(self, method: Method) -> BoundFormula:
         """Return the formula of a method with the parameters of this camera."""
@@ -273,7 +278,7 @@ class Camera(nn.Module):
 
     def _evaluate(self, method: Method, array: Tensor) -> tuple[Tensor, Tensor]:
         function = self._bound(method)
-        code = fast_code(self._is_fused, array, *function.parameters)
+        code = fast_code(self._fuses(function.formula), array, *function.parameters)
         if code is None:
             return function.evaluate(array)
         if not has_gradient(array, *function.parameters):

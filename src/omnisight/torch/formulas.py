@@ -50,8 +50,8 @@ class Formula:
         Names of its parameters.
     parameter_count, vector_length
         Number of values of the parameters, and of these and the constants.
-    tables
-        Names of the parameters that the formulas index.
+    has_tables
+        Whether the formulas index a parameter.
     """
 
     def __init__(self, method: Method, model: CameraModel) -> None:
@@ -65,7 +65,7 @@ class Formula:
         # Compiled loops take tuples as they are, unless their kernel has arrays in their place.
         taken, tuples = self.model.kernel_type._fields, [n for n in self.fields if isinstance(parameters[n], tuple)]
         self._unbound = [name for name in tuples if name in taken]
-        self.tables = [name for name in tuples if name not in taken]
+        self.has_tables = len(self._unbound) < len(tuples)
         self._key = method, self.model, tuple(self._shapes.values())
 
     def __eq__(self, other: object) -> bool:
@@ -125,7 +125,10 @@ class Formula:
         return [part.reshape(shape) for part, shape in zip(vector.split(self._counts), shapes, strict=True)]
 
     def values_from(self, parts: Sequence[Tensor]) -> FormulaValues:
-        """Return the values that formulas take; a parameter that is no table may have one more axis, that of points."""
+        """Return the values that formulas take, of the parameters and constants.
+
+        Parameters may have one more axis, that of points.
+        """
         m = FormulaValues(self.model)
         for name, part in zip(self._shapes, parts, strict=True):
             setattr(m, name, part)
@@ -188,6 +191,11 @@ class BoundMap(NamedTuple):
     rotation: Tensor
     size: tuple[int, int]
     bounds: Bounds
+
+    @property
+    def formulas(self) -> tuple[Formula, Formula]:
+        """The formulas of the source and of the view."""
+        return self.project.formula, self.unproject.formula
 
     @property
     def variables(self) -> tuple[Tensor, ...]:

@@ -2,7 +2,8 @@
 
 On tensors each of the 60 elementwise operations of a formula is a kernel that reads and writes all points. A function
 of points is compiled for one type and device with examples, and does not check its arguments, which takes longer than
-the kernel of a million points: they are contiguous and have no derivatives.
+the kernel of a million points: they are contiguous and have no derivatives. Formulas with tables are not compiled, as
+the time for that grows exponentially with their length.
 """
 
 import os
@@ -151,25 +152,21 @@ def gradients_of(formula: Formula) -> Callable[..., tuple[Tensor, ...]]:
 
     Each point has its own parameters, whose derivatives are summed at the end, in one kernel for all parameters.
     """
-    fields = formula.fields
+    parameters = len(formula.fields)
 
     def compute(flat: Tensor, vector: Tensor, valid: Tensor, gradient: Tensor) -> Any:
         parts = formula.parts(vector)
-        constants = parts[len(fields) :]
-        own = [
-            part if name in formula.tables else part[..., None].expand(*part.shape, flat.shape[0])
-            for name, part in zip(fields, parts, strict=False)
-        ]
+        constants = parts[parameters:]
+        own = [part[..., None].expand(*part.shape, flat.shape[0]) for part in parts[:parameters]]
 
-        def inside(components: tuple[Tensor, ...], parameters: list[Tensor]) -> list[Tensor]:
-            m = formula.values_from([*parameters, *constants])
+        def inside(components: tuple[Tensor, ...], own: list[Tensor]) -> list[Tensor]:
+            m = formula.values_from([*own, *constants])
             return formula.components(formula.inside(components, valid, m), m, formula.model.unrolled_steps)[0]
 
         with torch.enable_grad():
             products = torch.func.vjp(inside, flat.unbind(1), own)[1]
         by_components, by_own = products([torch.where(valid, x, 0.0) for x in gradient.unbind(1)])
-        by_parameters = [by if name in formula.tables else by.sum(-1) for name, by in zip(fields, by_own, strict=True)]
-        return torch.stack(by_components, 1), *(by.double() for by in by_parameters)
+        return torch.stack(by_components, 1), *(by.sum(-1).double() for by in by_own)
 
     return compute
 
