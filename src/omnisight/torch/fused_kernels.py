@@ -150,7 +150,7 @@ def gradients_kernel(formula: Formula, dtype: torch.dtype, device: torch.device)
 def gradients_of(formula: Formula) -> Callable[..., tuple[Tensor, ...]]:
     """Return a function for the products of a gradient (N, L) with the derivatives by points and by each parameter.
 
-    Each point has its own parameters, whose derivatives are summed at the end, in one kernel for all parameters.
+    Each point has parameters of its own, whose derivatives are summed at the end.
     """
     parameters = len(formula.fields)
 
