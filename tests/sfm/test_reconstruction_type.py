@@ -7,7 +7,7 @@ import pytest
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
-from omnisight.sfm.verification import MIN_VERIFIED
+from omnisight.sfm.verification import MIN_VERIFIED, verified_frames
 from reconstructing import single, without_points
 
 
@@ -56,8 +56,23 @@ def test_of_two_parts_that_no_three_images_connect_the_larger_is_verified():
     few = np.unique(point[image == 4])
     bridge = (image == 4) & np.isin(point, few[few % 2 == 1][: MIN_VERIFIED - 1])
     assert with_observations(made, apart | bridge).unverified == made.names[5:]
-    bridge = (image == 4) & (point % 2 == 1)
+    bridge = np.isin(image, (3, 4)) & (point % 2 == 1)
     assert with_observations(made, apart | bridge).unverified == ()
+
+
+def test_parts_that_only_one_image_connects_are_apart_because_their_relative_scale_is_open():
+    made = single(frames=8)
+    image, point = made.observations.image, made.observations.point
+    apart = (image < 5) & (point % 2 == 0) | (image >= 4) & (point % 2 == 1)
+    assert with_observations(made, apart).unverified == made.names[5:]
+    images, points = np.arange(8), np.arange(MIN_VERIFIED)
+    # The first points are in images 0 to 3, and so on: a chain in which any two neighbours have two images in common.
+    seen = [(i, MIN_VERIFIED * k + p) for k in range(3) for i in images[2 * k : 2 * k + 4] for p in points]
+    chain = np.array(seen).T
+    assert verified_frames(*chain, images).all()
+    assert verified_frames(*chain, images // 2).all()  # two images of a frame know their distance
+    one = chain[:, (chain[0] != 3) | (chain[1] >= MIN_VERIFIED)]  # only image 2 connects the first part
+    assert verified_frames(*one, images).tolist() == [False] * 2 + [True] * 6
 
 
 def test_the_uncertainty_of_the_scale_does_not_depend_on_the_origin():

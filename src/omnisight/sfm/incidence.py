@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.sparse.csgraph import connected_components, depth_first_order, minimum_spanning_tree
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -73,3 +73,36 @@ def supported_tree(count: int, a: Indices, b: Indices, support: Array, is_confir
     The support is at least 1, and no two edges have the same ends.
     """
     return spanning_tree(count, a, b, 1 / support + np.where(is_confirmed, 0.0, 1.0))
+
+
+def biconnected_parts(linked: Any) -> list[Indices]:
+    """Return the largest parts of a graph that stay connected without any one of their nodes, in which parts overlap.
+
+    They are found by depth-first search (J. Hopcroft and R. Tarjan, Efficient algorithms for graph manipulation, 1973):
+    a node begins a part if no edge leads from its subtree to a node before its parent.
+
+    Parameters
+    ----------
+    linked
+        Sparse symmetric matrix (N, N), not 0 at the edges.
+    """
+    label = connected_components(linked, directed=False)[1]
+    starts, sizes = np.unique(label, return_index=True, return_counts=True)[1:]
+    a, b = linked.nonzero()
+    parts = list[list[int]]()
+    for start in starts[sizes > 1].tolist():
+        order, parent = depth_first_order(linked, start, directed=False)
+        rank = np.full(len(label), -1)
+        rank[order] = np.arange(len(order))
+        inside, first, part = rank[a] >= 0, rank.copy(), np.zeros(len(label), np.intp)
+        np.minimum.at(first, a[inside], rank[b[inside]])
+        for node in order[:0:-1].tolist():
+            first[parent[node]] = min(first[parent[node]], first[node])
+        for node in order[1:].tolist():
+            if first[node] == rank[parent[node]]:
+                part[node] = len(parts)
+                parts.append([int(parent[node])])
+            else:
+                part[node] = part[parent[node]]
+            parts[part[node]].append(node)
+    return [np.sort(np.array(each, np.intp)) for each in parts]

@@ -124,4 +124,4 @@ class Map:
     @property
     def is_verified(self) -> NDArray[np.bool_]:
         """Which frames (F,) are verified, see `verified_frames`."""
-        return verified_frames(self.row_of_image[self.tracks.image], self.tracks.track, len(self.frames))
+        return verified_frames(self.tracks.image, self.tracks.track, self.row_of_image)

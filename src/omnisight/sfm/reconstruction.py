@@ -182,10 +182,9 @@ class Reconstruction(Displayed):
     @property
     def unverified(self) -> tuple[str, ...]:
         """Images of frames that are not verified, see `verified_frames`; none of two frames."""
-        frames = len(self.rig_from_world)
-        if frames < 3 or not len(self.points):
+        if len(self.rig_from_world) < 3 or not len(self.points):
             return ()
-        is_verified = verified_frames(self.frame[self.observations.image], self.observations.point, frames)
+        is_verified = verified_frames(self.observations.image, self.observations.point, self.frame)
         return tuple(self.names[i] for i in np.flatnonzero(~is_verified[self.frame]))
 
     @property

@@ -1,9 +1,13 @@
 """Verification of frames: by points that a third image shows too."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from omnisight.sfm.incidence import biconnected_parts
 
 Indices = NDArray[np.intp]
 
@@ -12,24 +16,40 @@ Indices = NDArray[np.intp]
 MIN_VERIFIED = 8
 
 
-def verified_frames(frame: Indices, point: Indices, frames: int) -> NDArray[np.bool_]:
+def verified_frames(image: Indices, point: Indices, frame: Indices) -> NDArray[np.bool_]:
     """Return which frames (F,) are in the largest part that points in three or more images connect.
 
     Points in two images agree with wrong relative poses too, and leave the scale between pairs of images open. Two
-    frames are connected by `MIN_VERIFIED` points that both and a third image show.
+    frames are connected by `MIN_VERIFIED` points that both and a third image show. Two parts of a model that only one
+    image connects are apart: no point of one is in another image of the other, so that their relative scale is open.
 
     Parameters
     ----------
-    frame, point
+    image, point
         (M,) of the observations.
-    frames
-        Number of frames F.
+    frame
+        (I,) of the images; -1 for images without a pose.
     """
-    points = int(point.max(initial=-1)) + 1
+    points, frames = int(point.max(initial=-1)) + 1, int(frame.max(initial=-1)) + 1
     use = np.bincount(point, minlength=points)[point] >= 3
-    seen = coo_array((np.ones(int(use.sum()), bool), (point[use], frame[use])), shape=(points, frames)).tocsr()
-    seen = seen.astype(np.int64)
-    seen.data[:] = 1  # several images of a frame see a point once
-    label = connected_components((seen.T @ seen) >= MIN_VERIFIED, directed=False)[1]
-    sizes = np.bincount(label, minlength=1)
-    return (label == sizes.argmax()) & (sizes.max() > 1)
+    posed = np.flatnonzero(frame >= 0)
+    of_frame = _incidence(posed, frame[posed], (len(frame), frames))
+    seen = _incidence(point[use], image[use], (points, len(frame)))
+    of_images = biconnected_parts(seen.T @ seen + of_frame @ of_frame.T)
+    in_frames = _incidence(point[use], frame[image[use]], (points, frames))
+    is_connected = (in_frames.T @ in_frames) >= MIN_VERIFIED
+    verified = np.zeros(frames, bool)
+    for part in of_images:
+        inside = np.unique(frame[part])
+        label = connected_components(is_connected[inside][:, inside], directed=False)[1]
+        connected = inside[label == np.bincount(label).argmax()]
+        if len(connected) > max(verified.sum(), 2):
+            verified = np.isin(np.arange(frames), connected)
+    return verified
+
+
+def _incidence(rows: Indices, columns: Indices, shape: tuple[int, int]) -> Any:
+    """Return the sparse matrix that is 1 at some elements, which may be repeated."""
+    found = coo_array((np.ones(len(rows), np.int64), (rows, columns)), shape=shape).tocsr()
+    found.data[:] = 1
+    return found
