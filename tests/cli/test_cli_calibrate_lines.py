@@ -98,8 +98,10 @@ def test_invalid_input_is_rejected_in_one_line(refuses, drawn):
     assert "0 lines are too few" in refuses("calibrate-lines", blank)
     assert "unified has no k1; it has fx" in refuses("calibrate-lines", blank, "--fix", "k1=0")
     assert "such as xi=1, got 'xi'" in refuses("calibrate-lines", blank, "--fix", "xi")
-    assert "--fix xi=nan: xi of unified must be a number" in refuses("calibrate-lines", blank, "--fix", "xi=nan")
-    assert "--fix fx=-inf: fx of unified must be a number" in refuses("calibrate-lines", blank, "--fix", "fx=-inf")
+    assert "--fix xi=nan: xi of unified must be finite and at least" in refuses(
+        "calibrate-lines", blank, "--fix", "xi=nan"
+    )
+    assert "--fix fx=-inf: fx of unified must be finite" in refuses("calibrate-lines", blank, "--fix", "fx=-inf")
     assert "there is no folder" in refuses("calibrate-lines", blank, "-o", drawn / "none" / "c.json")
     assert "unknown camera model" in refuses("calibrate-lines", blank, "--model", "nonsense")
     (drawn / "bad.json").write_text('{"other.png": []}')

@@ -70,8 +70,9 @@ class LineEstimationOptions(Options):
         for name, value in self.fixed.items():
             low, high = parameters[name].low, parameters[name].high
             if not (math.isfinite(value) and low <= value <= high):
-                within = f" from {low:g} to {high:g}" if math.isfinite(low) or math.isfinite(high) else ""
-                raise ValueError(f"--fix {name}={value:g}: {name} of {self.model} must be a number{within}")
+                bounds = [f"at least {low:g}"] * math.isfinite(low) + [f"at most {high:g}"] * math.isfinite(high)
+                within = " and ".join(["finite", *bounds])
+                raise ValueError(f"--fix {name}={value:g}: {name} of {self.model} must be {within}")
 
 
 @dataclass(frozen=True)
