@@ -8,9 +8,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-def common_points(frame: Indices, point: Indices) -> csr_array:
-    """Return the number of points that each two frames have in common (F, F), given their observations (M,)."""
-    shape = int(frame.max()) + 1, int(point.max()) + 1
+def common_points(count: int, frame: Indices, point: Indices) -> csr_array:
+    """Return the number of points that each two of F frames have in common (F, F), given their observations (M,)."""
+    shape = count, int(point.max(initial=-1)) + 1
     seen = csr_array(coo_array((np.ones(len(frame), np.int32), (frame, point)), shape=shape))
     seen.data[:] = 1  # several images of a frame see a point once
     return csr_array(seen @ seen.T)

@@ -1,6 +1,7 @@
 """A map: poses of frames, and the points that their images show."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +64,7 @@ class Map:
         """Whether the unit of the world is the metre."""
         return self.measured is not None or self.images.has_scale(self.frames)
 
-    @property
+    @cached_property
     def row_of_image(self) -> Indices:
         """Row (I,) of the frame of each image; -1 outside the map."""
         row = np.full(self.images.frames, -1)
@@ -121,7 +122,7 @@ class Map:
         order = np.argsort(~self.is_verified, kind="stable")
         return replace(self, frames=self.frames[order], rig_from_world=self.rig_from_world[order])
 
-    @property
+    @cached_property
     def is_verified(self) -> NDArray[np.bool_]:
         """Which frames (F,) are verified, see `verified_frames`."""
         return verified_frames(self.tracks.image, self.tracks.track, self.row_of_image)

@@ -67,7 +67,7 @@ class Tracks:
         """Divide tracks so that any two frames (M,) of a track have at least this number of tracks in common."""
         if not len(self):
             return self
-        enough = frames_with_common_points(common_points(frame, self.track), least)
+        enough = frames_with_common_points(common_points(int(frame.max()) + 1, frame, self.track), least)
         track = divided_points(frame, self.track, enough)
         if np.array_equal(track, self.track):
             return self

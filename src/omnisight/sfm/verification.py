@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from omnisight.sfm.common_points import common_points
 from omnisight.sfm.incidence import biconnected_parts
 
 Indices = NDArray[np.intp]
@@ -32,26 +32,16 @@ def verified_frames(image: Indices, point: Indices, frame: Indices) -> NDArray[n
     frame
         (I,) of the images; -1 for images without a pose.
     """
-    points, frames = int(point.max(initial=-1)) + 1, int(frame.max(initial=-1)) + 1
-    use = np.bincount(point, minlength=points)[point] >= 3
-    posed = np.flatnonzero(frame >= 0)
-    of_frame = _incidence(posed, frame[posed], (len(frame), frames))
-    seen = _incidence(point[use], image[use], (points, len(frame)))
-    of_images = biconnected_parts(seen.T @ seen + of_frame @ of_frame.T)
-    in_frames = _incidence(point[use], frame[image[use]], (points, frames))
-    is_connected = (in_frames.T @ in_frames) >= MIN_VERIFIED
+    use = np.bincount(point)[point] >= 3
+    image, point = image[use], point[use]
+    images, frames, posed = len(frame), int(frame.max(initial=-1)) + 1, np.flatnonzero(frame >= 0)
+    of_one_frame = common_points(images, posed, frame[posed])
+    is_connected: Any = common_points(frames, frame[image], point) >= MIN_VERIFIED
     verified = np.zeros(frames, bool)
-    for part in of_images:
+    for part in biconnected_parts(common_points(images, image, point) + of_one_frame):
         inside = np.unique(frame[part])
         label = connected_components(is_connected[inside][:, inside], directed=False)[1]
         connected = inside[label == np.bincount(label).argmax()]
         if len(connected) > max(verified.sum(), 2):
             verified = np.isin(np.arange(frames), connected)
     return verified
-
-
-def _incidence(rows: Indices, columns: Indices, shape: tuple[int, int]) -> Any:
-    """Return the sparse matrix that is 1 at some elements, which may be repeated."""
-    found = coo_array((np.ones(len(rows), np.int64), (rows, columns)), shape=shape).tocsr()
-    found.data[:] = 1
-    return found
