@@ -152,11 +152,7 @@ class Camera(nn.Module):
         valid
             (..., height, width), whether the pixel lies in the image of this camera.
         """
-        view = self._bound_map(target, target_from_source)
-        code = fast_code(self._fuses(*view.formulas), *view.variables)
-        if code is not None and not has_gradient(*view.variables):
-            return code.view_map(view)
-        return self._map_at(target.grid(view.rotation.dtype), target, view.rotation)
+        return self._map(target, self._bound_map(target, target_from_source))
 
     def remap(
         self, image: Tensor, target: "Camera", target_from_source: Tensor | None = None, *, antialias: bool = True
@@ -193,7 +189,7 @@ class Camera(nn.Module):
         if is_fused and fused_kernels.can_remap(view, image):
             footprint = self._footprint(*self._neighbours(target, view.rotation)) if antialias else None
             return fused_kernels.remap(view, image, footprint, periodic=periodic)
-        pixels, valid = self.map(target, target_from_source)
+        pixels, valid = self._map(target, view)
         footprint = self._footprint(*(pixels[..., v, u, :] for u, v in target._sparse_grid())) if antialias else None
         return sample(image, pixels, valid, footprint=footprint, periodic=periodic), valid
 
@@ -217,6 +213,13 @@ class Camera(nn.Module):
             rotation = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), like)
         _check(rotation, 3, "target_from_source")
         return BoundMap(project, unproject, rotation.mT, target.size, self._bounds)
+
+    def _map(self, target: "Camera", view: BoundMap) -> tuple[Tensor, Tensor]:
+        """Return the pixels of `map`."""
+        code = fast_code(self._fuses(*view.formulas), *view.variables)
+        if code is not None and not has_gradient(*view.variables):
+            return code.view_map(view)
+        return self._map_at(target.grid(view.rotation.dtype), target, view.rotation)
 
     def _map_at(self, grid: Tensor, target: "Camera", source_from_target: Tensor) -> tuple[Tensor, Tensor]:
         """Return the pixels (..., *shape, 2) that the pixels (*shape, 2) of a view show, and which are valid."""

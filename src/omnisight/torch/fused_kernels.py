@@ -240,8 +240,8 @@ def _masked(values: Sequence[Tensor], valid: Tensor) -> tuple[Tensor, Tensor]:
 def _compiled_by_shape(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function for the first sizes of its arguments, and for all if others follow: division by these is slow.
 
-    Only the arguments are checked at each call: the function has code of its own, by which results are kept, and what
-    it refers to stays as it is.
+    Results of the compiler are cached by the code of a function, so each has a copy of its own. At each call only the
+    arguments are checked, as the formulas do not change.
     """
     own = FunctionType(function.__code__.replace(), function.__globals__, closure=function.__closure__)
 
