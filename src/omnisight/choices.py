@@ -4,6 +4,7 @@ The command line imports such classes for its help, so this module imports nothi
 """
 
 import dataclasses
+from functools import cache
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
@@ -22,6 +23,7 @@ class Options(Displayed):
                 raise ValueError(f"--{field.name.replace('_', '-')}: {unknown_name('choice', value, choices)}")
 
 
+@cache
 def _choices(kind: Any) -> tuple[str, ...]:
     """Return the choices of a type that is Literal, or Literal or None; none of other types."""
     parts = [kind] if get_origin(kind) is Literal else [part for part in get_args(kind) if part is not NoneType]

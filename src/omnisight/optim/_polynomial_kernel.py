@@ -12,8 +12,8 @@ from omnisight.compiled import njit_helper
 MAX_STEPS = 60
 # Width of a bracket in [0, 1] that is a root.
 ROOT_TOLERANCE = 4e-16
-# Newton step after which a root is exact to rounding, since the error is about the square of the step.
-NEWTON_TOLERANCE = 1e-10
+# Halley step after which a root is exact to rounding, since the error is about the third power of the step.
+HALLEY_TOLERANCE = 1e-7
 # A double root is not resolved beyond the square root of the rounding.
 MAX_DIVISIONS = 30
 SHORTEST = 0.5**MAX_DIVISIONS
@@ -36,12 +36,13 @@ def multiply_add(target, left, right, factor):
 
 @njit_helper
 def evaluate(coefficients, degree, x):
-    """Return the value of a polynomial and of its derivative."""
-    value, slope = coefficients[degree], 0.0
+    """Return the value of a polynomial, of its derivative, and half of that of its second derivative."""
+    value, slope, curvature = coefficients[degree], 0.0, 0.0
     for i in range(degree - 1, -1, -1):
+        curvature = curvature * x + slope
         slope = slope * x + value
         value = value * x + coefficients[i]
-    return value, slope
+    return value, slope, curvature
 
 
 @njit_helper
@@ -130,7 +131,7 @@ def _divide(segment, left):
 
 @njit_helper
 def _bracketed_root(coefficients, segment, low, high):
-    """Return the only root between two bounds by Newton's method with bisection.
+    """Return the only root between two bounds by Halley's method with bisection.
 
     It starts where the polygon of the Bernstein coefficients of the segment crosses zero.
     """
@@ -143,18 +144,18 @@ def _bracketed_root(coefficients, segment, low, high):
     crossing = (last + segment[last] / (segment[last] - segment[last + 1])) / DEGREE
     x = low + crossing * (high - low)
     for _ in range(MAX_STEPS):
-        value, slope = evaluate(coefficients, DEGREE, x)
+        value, slope, curvature = evaluate(coefficients, DEGREE, x)
         if value == 0.0:
             break
         if (value > 0.0) == is_positive_at_low:
             low = x
         else:
             high = x
-        following = x - value / slope if slope != 0.0 else low
-        is_newton = low < following < high
-        if not is_newton:
+        following = x - value * slope / (slope * slope - value * curvature)
+        is_halley = low < following < high
+        if not is_halley:
             following = 0.5 * (low + high)
-        if abs(following - x) <= (NEWTON_TOLERANCE if is_newton else ROOT_TOLERANCE):
+        if abs(following - x) <= (HALLEY_TOLERANCE if is_halley else ROOT_TOLERANCE):
             return following
         x = following
     return x

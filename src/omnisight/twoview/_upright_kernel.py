@@ -12,7 +12,7 @@ import numpy as np
 
 from omnisight.compiled import njit_helper
 from omnisight.twoview._conic_kernel import intersect_conics
-from omnisight.twoview._essential_kernel import count_distance_signs
+from omnisight.twoview._small_vectors_kernel import cross, dot, times
 
 # Discriminant, relative to its terms, of a double root that rounding moved off the real axis.
 ROUNDING = 1e-12
@@ -138,7 +138,7 @@ def _common_normal(vectors, normal):
 @njit_helper
 def _pose(rotation, t, a, b, pose):
     """Write the pose with the translation t or -t with positive distances for all pairs; return 0 if neither has."""
-    positive, negative = count_distance_signs(rotation, t, a, b)
+    positive, negative = _count_distance_signs(rotation, t, a, b)
     length = np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
     if max(positive, negative) < len(a) or not length > 0.0:
         return 0
@@ -148,3 +148,22 @@ def _pose(rotation, t, a, b, pose):
             pose[i, j] = rotation[i, j]
         pose[i, 3] = sign * t[i] / length
     return 1
+
+
+@njit_helper
+def _count_distance_signs(rotation, t, a, b):
+    """Return the number of pairs whose distances along both bearings are positive, and that for the translation -t.
+
+    With p = R a and q = b, lambda_a p + t = lambda_b q: lambda_a = -(t x q).(p x q)/|p x q|^2 and
+    lambda_b = -(t x p).(p x q)/|p x q|^2.
+    """
+    positive, negative = 0, 0
+    for n in range(len(a)):
+        p = times(rotation, a[n])
+        m = cross(p, b[n])
+        along_a, along_b = -dot(t, cross(b[n], m)), -dot(t, cross(p, m))  # (t x q).m = t.(q x m)
+        if along_a > 0.0 and along_b > 0.0:
+            positive += 1
+        elif along_a < 0.0 and along_b < 0.0:
+            negative += 1
+    return positive, negative

@@ -70,12 +70,13 @@ class BearingPairs:
 
     def __getitem__(self, use: NDArray[np.bool_] | NDArray[np.intp]) -> "BearingPairs":
         """Return the pairs of a mask (N,) or of indices."""
+        rows = np.flatnonzero(use) if use.dtype == np.bool_ else use
         return replace(
             self,
-            a=self.a[use],
-            b=self.b[use],
-            covariance_a=self.covariance_a[use],
-            covariance_b=self.covariance_b[use],
+            a=self.a.take(rows, axis=0),
+            b=self.b.take(rows, axis=0),
+            covariance_a=self.covariance_a.take(rows, axis=0),
+            covariance_b=self.covariance_b.take(rows, axis=0),
         )
 
     @cached_property
@@ -122,12 +123,12 @@ def tangent_covariances(bearings: Array, covariance: ArrayLike | None, sigma_deg
     ValueError
         If the shape is not (N, 3, 3), or a variance is not positive.
     """
-    project = np.eye(3) - bearings[:, :, None] * bearings[:, None, :]
+    project = np.eye(3) - np.einsum("ni,nj->nij", bearings, bearings)
     if covariance is None:
         sigma = np.radians(np.asarray(sigma_deg, float))
         if sigma.ndim > 1 or sigma.shape not in ((), (len(bearings),)) or not ((sigma > 0) & (sigma < np.inf)).all():
             raise ValueError(f"sigma_deg must be positive and finite, one number or one per bearing, got {sigma_deg}")
-        return np.broadcast_to(sigma**2, len(bearings))[:, None, None] * project
+        return sigma[..., None, None] ** 2 * project
     given = np.asarray(covariance, float)
     if given.shape != (len(bearings), 3, 3):
         raise ValueError(f"covariances must have the shape ({len(bearings)}, 3, 3), one per bearing, got {given.shape}")

@@ -128,11 +128,11 @@ def _homography_by_motion(rotation: Array, translation: Array, normal: Array) ->
 
     A step (w, |t| v) of the motion and a change u of the normal change it by w x R + |t| v n^T + t u^T.
     """
-    tangents = np.linalg.svd(normal[None])[2][1:]
-    turns = [so3.hat(axis) @ rotation for axis in np.eye(3)]
-    shifts = [float(np.linalg.norm(translation)) * np.outer(axis, normal) for axis in np.eye(3)]
-    tilts = [np.outer(translation, tangent) for tangent in tangents]
-    return np.column_stack([np.asarray(change, float).ravel() for change in (*turns, *shifts, *tilts)])
+    axes, tangents = np.eye(3), np.linalg.svd(normal[None])[2][1:]
+    turns = so3.hat(axes) @ rotation
+    shifts = float(np.linalg.norm(translation)) * axes[:, :, None] * normal
+    tilts = translation[:, None] * tangents[:, None, :]
+    return np.concatenate([turns, shifts, tilts]).reshape(8, 9).T
 
 
 def _with_other_points(
