@@ -1,7 +1,7 @@
 """Compiled part of `frame_remapper`: packed maps, and the interpolation of planes of 8 and 10 bits.
 
 A packed map has for each pixel the index of the upper left of the four source pixels, and both fractions in 1/64 of a
-pixel: unsigned integers of 6 bytes, from which a plane is sampled three times as fast as from float maps.
+pixel: unsigned integers of 6 bytes, from which a plane is sampled more than three times as fast as from float maps.
 """
 
 # Compiled code takes its types from its arguments.
@@ -80,39 +80,57 @@ def pack_pyramid(u, v, level, layout, index, fraction, low, high):
 
 
 @njit_inlined
+def between(a, b, x):
+    """Return the value at x/64 from a to b, in 1/64; numba would compute in 64 bits without the type."""
+    return np.int32((a << 6) + (b - a) * x)
+
+
+@njit_inlined
 def interpolated(source, p, stride, fraction):
-    """Return the interpolated value, in 1/4096."""
-    one = np.uint64(1)
+    """Return the interpolated value at the upper left pixel p, in 1/4096."""
+    one, q = np.uint64(1), p + stride
     x, y = np.int32(fraction & 127), np.int32((fraction >> 7) & 127)
-    q = p + stride
-    a, c = np.int32(source[p]), np.int32(source[q])
-    upper = (a << 6) + (np.int32(source[p + one]) - a) * x
-    lower = (c << 6) + (np.int32(source[q + one]) - c) * x
-    return (upper << 6) + (lower - upper) * y
+    upper = between(np.int32(source[p]), np.int32(source[p + one]), x)
+    lower = between(np.int32(source[q]), np.int32(source[q + one]), x)
+    return between(upper, lower, y)
 
 
 @njit_driver
-def sample_plane(source, stride, index, fraction, border, low, high, plane):
+def sample_plane(pairs, stride, index, fraction, border, low, high, plane):
     """Write rows low to high of a plane (H, S), of which the first W pixels are the image.
+
+    The pixels of a row are gathered before they are interpolated: a loop without scattered reads is compiled to vector
+    instructions, which takes 0.6 of the time.
 
     Parameters
     ----------
-    source : (N,) array
-        The source plane.
+    pairs : (N - 1,) array
+        Two neighbouring pixels of the source plane each, as one integer.
     stride : uint64
-        Its pixels per row.
+        Pixels per row of the source plane.
     index, fraction : (H, W) arrays
         A packed map.
     border : int32
         Value of uncovered pixels.
     """
-    half, mask = np.int32(2048), np.uint64(0xFFFF)
+    width = index.shape[1]
+    offset = np.empty(width, np.uint32)
+    upper, lower = np.empty(2 * width, plane.dtype), np.empty(2 * width, plane.dtype)
+    upper_pairs, lower_pairs = upper.view(pairs.dtype), lower.view(pairs.dtype)
     for row in range(low, high):
-        for column in range(index.shape[1]):
-            at, packed_fraction = np.uint64(index[row, column]), fraction[row, column]
-            p = (at >> np.uint64(16)) * stride + (at & mask)
-            value = (interpolated(source, p, stride, packed_fraction) + half) >> 12
-            plane[row, column] = border if packed_fraction & UNCOVERED else value
+        for column in range(width):
+            at = index[row, column]
+            offset[column] = np.uint32((at >> 16) * stride + (at & 0xFFFF))
+        for column in range(width):
+            p = np.uint64(offset[column])
+            upper_pairs[column], lower_pairs[column] = pairs[p], pairs[p + stride]
+        for column in range(width):
+            both, k = fraction[row, column], 2 * column
+            x, y = np.int32(both & 127), np.int32((both >> 7) & 127)
+            first = between(np.int32(upper[k]), np.int32(upper[k + 1]), x)
+            second = between(np.int32(lower[k]), np.int32(lower[k + 1]), x)
+            value = np.int32((first << 6) + (second - first) * y + 2048) >> 12
+            plane[row, column] = border if both & UNCOVERED else value
 
 
 @njit_driver

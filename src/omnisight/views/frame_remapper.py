@@ -88,7 +88,7 @@ class PackedMap:
         from omnisight.views._plane_kernel import sample_plane
 
         stride, value = np.uint64(plane.shape[1]), np.int32(border)
-        arguments = plane.ravel(), stride, self.index, self.fraction, value
+        arguments = _pairs(plane), stride, self.index, self.fraction, value
         parallel_for(lambda low, high: sample_plane(*arguments, low, high, target), len(self.index), GRAIN_ROWS)
 
 
@@ -175,6 +175,12 @@ def _plane_map(
     maps = cv2.convertMaps(np.where(mask, u, 0), np.where(mask, v, 0), cv2.CV_16SC2)
     flag = cv2.INTER_CUBIC if interpolation == "bicubic" else cv2.INTER_LANCZOS4
     return KernelMap(size, (maps[0], maps[1]), mask, flag)
+
+
+def _pairs(plane: Plane) -> NDArray[Any]:
+    """Return two neighbouring pixels of a plane each as one integer, without a copy."""
+    dtype = np.uint16 if plane.dtype == np.uint8 else np.uint32
+    return np.ndarray((plane.size - 1,), dtype, plane, strides=(plane.itemsize,))
 
 
 def pyramid_level(source: Camera, u: Floats, v: Floats, mask: NDArray[np.bool_]) -> Floats | None:
