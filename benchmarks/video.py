@@ -2,8 +2,9 @@
 
 `python -m benchmarks video` renders a 1080p clip of an equidistant fisheye, makes a 720p perspective view of it with
 both programs in turn, and prints the frames per second of both, their ratio, and the PSNR between both videos, which
-shows that both compute the same view. ffmpeg with a crop in place of the view only decodes and encodes. The last rows
-are those of both programs with their default settings.
+shows that both compute the same view. The SSIM of each video is that to the uncompressed view of the same program.
+ffmpeg with a crop in place of the view only decodes and encodes. The last rows are those of both programs with their
+default settings.
 """
 
 import argparse
@@ -105,6 +106,15 @@ def psnr(a: Path, b: Path, count: int = 10) -> float:
     return float(10 * np.log10(255**2 / np.mean(errors)))
 
 
+def ssim(video: Path, uncompressed: Path) -> float:
+    """Return the SSIM of the planes of a video, weighted by their pixels, to the same video without compression."""
+    # Frames are matched by their number, not by time stamps in the units of both files.
+    graph = "[0:v]setpts=N/(30*TB)[a];[1:v]setpts=N/(30*TB)[b];[a][b]ssim"
+    command = ["ffmpeg", "-i", str(video), "-i", str(uncompressed), "-lavfi", graph, "-f", "null", "-"]
+    report = subprocess.run(command, check=True, capture_output=True, text=True).stderr
+    return float(report.rsplit("All:", 1)[1].split()[0])
+
+
 def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks video", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="fewer frames and runs, one preset")
@@ -119,6 +129,9 @@ def main(arguments: list[str]) -> None:
         clip, camera = render_clip(folder, frames), folder / "camera.json"
         om.save(lens(), camera)
         run(ours(clip, camera, folder / "a.mp4", ""))  # compiles the loops
+        references = folder / "lossless-a.mp4", folder / "lossless-b.mp4"
+        run(ours(clip, camera, references[0], "--preset ultrafast --crf 0"))
+        run(theirs(clip, references[1], "-c:v libx264 -preset ultrafast -qp 0"))
         a, b, c = (folder / f"{name}.mp4" for name in "abc")
         for name, settings, encoder in (
             *((f"libx264 {p}", f"--preset {p} --crf {CRF}", f"-c:v libx264 -preset {p} -crf {CRF}") for p in presets),
@@ -134,6 +147,8 @@ def main(arguments: list[str]) -> None:
             ratio = f"{cpu[1] / cpu[0]:.2f} | {used[2]}"
             print(f"| | processor time, ms per frame | {used[0]} | {used[1]} | {ratio} | |")
             sizes = [f"{file.stat().st_size / 1e6:.1f}" for file in (a, b, c)]
-            print(f"| | size, MB | {sizes[0]} | {sizes[1]} | | {sizes[2]} | |", flush=True)
+            print(f"| | size, MB | {sizes[0]} | {sizes[1]} | | {sizes[2]} | |")
+            likeness = [f"{ssim(file, reference):.4f}" for file, reference in zip((a, b), references, strict=True)]
+            print(f"| | SSIM to the uncompressed view | {likeness[0]} | {likeness[1]} | | | |", flush=True)
         wall, cpu = run(f"ffmpeg -v error -threads 2 -i {clip} -f null -")
         print(f"\nffmpeg only decodes at {frames / wall:.1f} fps, {1e3 * cpu / frames:.1f} ms of processor.")

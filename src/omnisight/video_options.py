@@ -33,10 +33,10 @@ class VideoOptions(Options):
     codec
         Video codec: h264 by default, vp9 in .webm files.
     crf
-        Quality of a video in the scale of its codec, lower is better: 0 to 51 for h264 (20) and hevc (23), 0 to 63 for
+        Quality of a video in the scale of its codec, lower is better: 0 to 51 for h264 (21) and hevc (23), 0 to 63 for
         av1 (30) and vp9 (31). Not for prores.
     preset
-        Effort of the encoder: slower presets give smaller files.
+        Effort of the encoder: slower presets give smaller files. superfast by default for h264, veryfast for others.
     hardware
         Encode by a hardware encoder of the graphics card.
     sound
@@ -45,7 +45,7 @@ class VideoOptions(Options):
 
     codec: Codec | None = None
     crf: int | None = None
-    preset: Preset = "veryfast"
+    preset: Preset | None = None
     hardware: bool = False
     sound: bool = True
 

@@ -209,6 +209,21 @@ def test_a_lower_crf_gives_a_larger_file(tmp_path):
     assert sizes[0] > 2 * sizes[1]
 
 
+@pytest.mark.parametrize(
+    ("options", "settings"),
+    [
+        (VideoOptions(), (b"crf=21.0", b"subme=1", b"mbtree=1", b"rc_lookahead=40")),
+        (VideoOptions(preset="ultrafast", crf=30), (b"crf=30.0", b"subme=0", b"mbtree=0")),
+        (VideoOptions(preset="veryfast"), (b"crf=21.0", b"subme=2", b"mbtree=1", b"rc_lookahead=10")),
+    ],
+)
+def test_x264_records_the_settings_of_a_preset(tmp_path, options, settings):
+    with VideoWriter(tmp_path / "a.mp4", SIZE, 30.0, options) as writer:
+        writer.write(gray_frame(100, SIZE), 0.0)
+    data = (tmp_path / "a.mp4").read_bytes()
+    assert [setting for setting in settings if setting not in data] == []
+
+
 def test_odd_sizes_lose_their_last_row_and_column(tmp_path):
     with VideoWriter(tmp_path / "odd.mp4", (97, 65), 30.0, VideoOptions()) as writer:
         writer.write(gray_frame(100, (97, 65)), 0.0)
