@@ -32,6 +32,9 @@ DEFAULT_FRAME_RATE = 30.0
 CONTAINER_UNITS = 1_000_000
 
 FFMPEG_HINT = "convert it, for example with: ffmpeg -i {} -c:v libx264 -crf 10 clip.mp4"
+UNSUPPORTED = "{0}: FFmpeg cannot decode this video; " + FFMPEG_HINT.format("{0}")
+# Without it FFmpeg decodes a frame to find the pixel format, which takes 30 ms at 1080p; each decoded frame has it.
+WITHOUT_PIXEL_FORMAT = {"skip_frame": "all"}
 
 
 def is_clip(path: Path) -> bool:
@@ -146,10 +149,10 @@ class Clip(Displayed):
             rate = rate if 1 <= rate <= 10_000 else DEFAULT_FRAME_RATE
             seconds = container.duration / CONTAINER_UNITS if container.duration else None
             count = max(avi_frame_count(path), stream.frames, 0) or round((seconds or 0) * rate)
-            components = stream.codec_context.format.components if stream.codec_context.format else ()
             time_base = Fraction(stream.time_base or 1 / Fraction(rate).limit_denominator(1001))
             first = next(_decoded(container, stream), None)
             rotation = 0 if first is None else -int(first.rotation) % 360
+            components = () if first is None else first.format.components
         size = (height, width) if upright and rotation % 180 else (width, height)
         bits = max((component.bits for component in components), default=8)
         return cls(path, size, rate, count or None, rotation, upright, bits, seconds, time_base)
@@ -219,26 +222,35 @@ def video_input(path: Path) -> Generator[tuple[Any, Any]]:
     UnreadableImage
         If the file is missing or cannot be decoded.
     """
+    with open_container(path, **WITHOUT_PIXEL_FORMAT) as container:
+        streams: Any = container.streams.video
+        stream = next((s for s in streams if s.codec_context is not None), None)  # None: of an unknown codec
+        if stream is None:
+            raise UnreadableImage(UNSUPPORTED.format(path.name))
+        stream.thread_type = "AUTO"
+        stream.codec_context.thread_count = thread_count()
+        yield container, stream
+
+
+def open_container(path: Path, **options: str) -> Any:
+    """Open a video file with options of FFmpeg.
+
+    Raises
+    ------
+    UnreadableImage
+        If the file is missing or is not a video.
+    """
     import av  # imported on use: it loads the libraries of FFmpeg
     from av.error import FFmpegError
 
     defect = find_defect(path)
     if defect is not None:
         raise UnreadableImage(f"{path.name}: {defect}")
-    unsupported = f"{path.name}: FFmpeg cannot decode this video; {FFMPEG_HINT.format(path.name)}"
     try:
         # Only files: a name with a colon would be a URL.
-        container = av.open(str(path.resolve()), options={"protocol_whitelist": "file"})
+        return av.open(str(path.resolve()), options={"protocol_whitelist": "file", **options})
     except (FFmpegError, OSError, ValueError):
-        raise UnreadableImage(unsupported) from None
-    with container:
-        streams: Any = container.streams.video
-        stream = next((s for s in streams if s.codec_context is not None), None)  # None: of an unknown codec
-        if stream is None:
-            raise UnreadableImage(unsupported)
-        stream.thread_type = "AUTO"
-        stream.codec_context.thread_count = thread_count()
-        yield container, stream
+        raise UnreadableImage(UNSUPPORTED.format(path.name)) from None
 
 
 def _decoded(container: Any, stream: Any) -> Generator[Any]:

@@ -16,7 +16,7 @@ from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.sound import Sound
 from omnisight.images.spherical_video import tag_sphere
-from omnisight.images.video import Clip, video_input
+from omnisight.images.video import Clip, open_container
 from omnisight.images.video_encoders import (
     encoded_depth,
     encoder_name,
@@ -180,7 +180,7 @@ class VideoWriter:
             stream.codec_context.codec_tag = "hvc1"  # QuickTime plays no other
         self._stream = stream
         if self._clip is not None and self._options.sound:
-            clip, _ = self._opened.enter_context(video_input(self._clip.path))
+            clip = self._opened.enter_context(open_container(self._clip.path))
             self._sound = Sound(clip, container, self.output.suffix.lower())
         return container
 
