@@ -43,17 +43,34 @@ def solve_least_norm(matrix, right):
 
     It equals that of `np.linalg.lstsq`, which takes numba 3 s to compile.
     """
-    size = len(right)
-    values, vectors, solution = np.empty(size), np.empty((size, size)), np.zeros(size)
-    symmetric_eigen(matrix.copy(), values, vectors)
+    root = np.empty(matrix.shape)
+    inverse_root(matrix, root)
+    return times_gram(root, right)
+
+
+@njit_helper
+def inverse_root(matrix, root):
+    """Compute B (N, N) whose B^T B is the pseudo-inverse of a positive semidefinite matrix."""
+    size = len(matrix)
+    values = np.empty(size)
+    symmetric_eigen(matrix.copy(), values, root)
     for k in range(size):
-        if values[k] > size * ROUNDING * values[size - 1]:
-            along = 0.0
-            for i in range(size):
-                along += vectors[k, i] * right[i] / values[k]
-            for i in range(size):
-                solution[i] += along * vectors[k, i]
-    return solution
+        factor = 1.0 / np.sqrt(values[k]) if values[k] > size * ROUNDING * values[size - 1] else 0.0
+        for i in range(size):
+            root[k, i] *= factor
+
+
+@njit_helper
+def times_gram(root, vector):
+    """Return B^T B v."""
+    product = np.zeros(len(vector))
+    for k in range(len(root)):
+        along = 0.0
+        for i in range(len(vector)):
+            along += root[k, i] * vector[i]
+        for i in range(len(vector)):
+            product[i] += along * root[k, i]
+    return product
 
 
 @njit_helper

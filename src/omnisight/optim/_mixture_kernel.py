@@ -6,7 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.optim._eigen_kernel import solve_least_norm
+from omnisight.optim._eigen_kernel import inverse_root, times_gram
 from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
 
@@ -16,7 +16,9 @@ from omnisight.optim._robust_problem_kernel import feature, linearize, retract, 
 MAX_ROUNDS, TOLERANCE = 50, 1e-2
 # Smallest scale of the noise: residuals of exact correspondences are rounding.
 MIN_SCALE = 1e-6
-# Inliers and outliers that are added to those of a neighbourhood, so that no share is 0 or 1.
+# Smallest part of a residual that remains in the fit, relative to that of the model of the others.
+MIN_REST = 1e-6
+# Inliers and outliers that are added to all observations, so that no share is 0 or 1.
 PSEUDO_COUNT = 0.5
 
 
@@ -25,7 +27,8 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     """Estimate a model, and the scale of its residuals unless it is known, by expectation maximization.
 
     Each round takes one Gauss-Newton step (A. Dempster, N. Laird, D. Rubin, Maximum likelihood from incomplete data via
-    the EM algorithm, 1977).
+    the EM algorithm, 1977). Whether an observation is an inlier follows from its residual to the model of the others:
+    a model fits an outlier that determines it.
 
     Parameters
     ----------
@@ -57,16 +60,21 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     _, _, dimension, parameters = sizes(problem)
     count, model, scale = len(problem[0]), model.copy(), 1.0
     residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
-    squares, probability, share = np.empty(count), np.empty(count), np.full(count, 0.5)
+    squares, probability, share = np.empty(count), np.zeros(count), np.full(count, 0.5)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
+    root, leverage = np.empty((parameters, parameters)), np.zeros(count)
+    normalized, variance = np.empty(count), np.empty(count)
     offset, neighbours = np.zeros(parameters), _order_by_feature(problem, model)
     _linearize_all(problem, model, residuals, jacobians, squares)
     for _ in range(MAX_ROUNDS):
-        _fill_probability(squares, dimension, scale, share, outlier_density, probability)
+        _leave_out(squares, leverage, probability, scale, normalized, variance)
+        _fill_probability(normalized, variance, dimension, (share, outlier_density), probability)
         _fill_share(neighbours, probability, share)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
-        step = -solve_least_norm(information, gradient + prior @ offset)
+        inverse_root(information, root)
+        _fill_leverage(jacobians, squares, root, leverage)
+        step = -times_gram(root, gradient + prior @ offset)
         retract(problem, model, step)
         offset += step
         _linearize_all(problem, model, residuals, jacobians, squares)
@@ -76,13 +84,15 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         is_small_step = (step * (information @ step)).sum() <= (TOLERANCE * scale) ** 2
         if is_small_step and abs(scale - before) <= TOLERANCE * before:
             break
-    log_likelihood = _fill_probability(squares, dimension, scale, share, outlier_density, probability)
-    log_likelihood -= 0.5 * offset @ prior @ offset
+    _leave_out(squares, leverage, probability, scale, normalized, variance)
+    _fill_probability(normalized, variance, dimension, (share, outlier_density), probability)
     known = np.zeros(count)
     for i in range(count):
         if probability[i] > 0.0:
-            unknown = (1.0 - probability[i]) * squares[i] / (scale**2 * dimension)
+            unknown = (1.0 - probability[i]) * normalized[i] / dimension
             known[i] = probability[i] * (1.0 - unknown) / scale**2
+    log_likelihood = _log_likelihood(squares, dimension, scale, (share, outlier_density))
+    log_likelihood -= 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
     return model, probability, scale, information + prior, log_likelihood
 
@@ -98,21 +108,55 @@ def _linearize_all(problem, model, residuals, jacobians, squares):
 
 
 @njit_helper
-def _fill_probability(squares, dimension, scale, share, outlier_density, probability):
-    """Fill the posterior probability (N,) of the Gaussian component; return the log-likelihood of all residuals."""
-    total = 0.0
+def _fill_leverage(jacobians, squares, root, leverage):
+    """Fill the variance (N,) of residuals that is due to the model, mean over their components."""
+    _, dimension, parameters = jacobians.shape
+    for i in range(len(leverage)):
+        leverage[i] = 0.0
+        if np.isfinite(squares[i]):
+            for d in range(dimension):
+                for k in range(parameters):
+                    along = 0.0
+                    for c in range(parameters):
+                        along += root[k, c] * jacobians[i, d, c]
+                    leverage[i] += along**2 / dimension
+
+
+@njit_helper
+def _leave_out(squares, leverage, probability, scale, normalized, variance):
+    """Fill the variance (N,) of the residual to the model of the other observations, and its squared length over it.
+
+    With the probability p in the fit and the leverage h, that residual is r/(1 - p h), and its variance
+    1 + h/(1 - p h).
+    """
     for i in range(len(squares)):
-        inlier = (1.0 - share[i]) * _gaussian(squares[i], dimension, scale)
-        density = inlier + share[i] * outlier_density
-        probability[i] = inlier / density
-        total += np.log(density)
+        rest = max(1.0 - probability[i] * leverage[i], MIN_REST)
+        variance[i] = scale**2 * (1.0 + leverage[i] / rest)
+        normalized[i] = squares[i] / (rest**2 * variance[i])
+
+
+@njit_helper
+def _fill_probability(normalized, variance, dimension, outliers, probability):
+    """Fill the posterior probability (N,) of the Gaussian component."""
+    share, outlier_density = outliers
+    for i in range(len(probability)):
+        inlier = (1.0 - share[i]) * _gaussian(normalized[i], dimension) / np.sqrt(variance[i]) ** dimension
+        probability[i] = inlier / (inlier + share[i] * outlier_density)
+
+
+@njit_helper
+def _log_likelihood(squares, dimension, scale, outliers):
+    (share, outlier_density), total = outliers, 0.0
+    for i in range(len(squares)):
+        inlier = _gaussian(squares[i] / scale**2, dimension) / scale**dimension
+        total += np.log((1.0 - share[i]) * inlier + share[i] * outlier_density)
     return total
 
 
 @njit_helper
-def _gaussian(square, dimension, scale):
-    """Return the density of an inlier's residual of a squared length."""
-    return np.exp(-0.5 * square / scale**2) / (np.sqrt(2.0 * np.pi) * scale) ** dimension
+def _gaussian(square, dimension):
+    """Return the density of the standard normal distribution at a squared distance from its mean."""
+    return np.exp(-0.5 * square) / np.sqrt(2.0 * np.pi) ** dimension
 
 
 @njit_helper
@@ -133,6 +177,7 @@ def _order_by_feature(problem, model):
 def _fill_share(neighbours, probability, share):
     """Fill the share of outliers (N,) among the other observations with a similar feature."""
     count, (order, half) = len(probability), neighbours
+    pseudo_count = PSEUDO_COUNT * min(2.0 * half + 1.0, count) / count
     total = np.zeros(count + 1)
     for k in range(count):
         total[k + 1] = total[k] + probability[order[k]]
@@ -140,7 +185,7 @@ def _fill_share(neighbours, probability, share):
         i, first, last = order[k], max(k - half, 0), min(k + half + 1, count)
         others = last - first - 1.0
         inliers = total[last] - total[first] - probability[i]
-        share[i] = (others - inliers + PSEUDO_COUNT) / (others + 2.0 * PSEUDO_COUNT)
+        share[i] = (others - inliers + pseudo_count) / (others + 2.0 * pseudo_count)
 
 
 @njit_helper
