@@ -53,7 +53,9 @@ def _free_threads() -> int:
 
 def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> None:
     """Call work(first, last) over 0 ... count, in one piece per thread, each of at least `grain`."""
-    pieces = min(_free_threads(), count // grain)
+    pieces = count // grain
+    if pieces > 1:
+        pieces = min(pieces, _free_threads())
     if pieces < 2:
         work(0, count)
         return

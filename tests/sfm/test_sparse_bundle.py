@@ -8,6 +8,7 @@ from scipy.sparse import csr_array
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
+from omnisight.optim.block_matrix import BlockPattern
 from omnisight.optim.loss import StudentT
 from omnisight.sfm import bundle_adjustment
 from omnisight.sfm.bundle_adjustment import Bundle
@@ -132,9 +133,24 @@ def test_a_point_at_a_camera_is_recognized():
 
 def test_the_information_of_a_prior_of_few_columns_is_sparse():
     # A dense product of all columns would take 28 GB.
-    derivatives = csr_array((np.array([2.0, 3.0]), np.array([0, 5]), np.array([0, 2])), (1, 60_000))
-    row, column, values = Prior(np.zeros(1), derivatives).information(60_000)
-    found = dict(zip(zip(row.tolist(), column.tolist(), strict=True), values.tolist(), strict=True))
-    assert found == {(0, 0): 4.0, (5, 0): 6.0, (5, 5): 9.0}
-    nothing = csr_array((0, 60_000))
-    assert [len(each) for each in Prior(np.zeros(0), nothing).information(60_000)] == [0, 0, 0]
+    prior = Prior.of(np.zeros(1), np.array([[0, 5]]), np.array([[2.0, 3.0]]), 60_000)
+    pattern = BlockPattern.of_incidence(np.arange(60_001), csr_array(prior.derivatives))
+    matrix, diagonal = pattern.zeros(), np.zeros(60_000)
+    prior.add_information(matrix, diagonal)
+    assert matrix.square(np.array([0, 5])).tolist() == [[4.0, 6.0], [6.0, 9.0]]
+    assert np.flatnonzero(diagonal).tolist() == [0, 5]
+
+
+def test_sparse_and_dense_priors_have_the_same_information():
+    rng = np.random.default_rng(0)
+    columns, derivatives = np.array([[0, 3, -1], [1, 2, 4]]), rng.normal(size=(2, 3))
+    dense = Prior.of(rng.normal(size=2), columns, derivatives, 5)
+    sparse = dense._replace(derivatives=csr_array(dense.derivatives))
+    assert isinstance(dense.derivatives, np.ndarray)
+    rows = np.zeros((2, 5))
+    rows[0, [0, 3]], rows[1, [1, 2, 4]] = derivatives[0, :2], derivatives[1]
+    for prior in (dense, sparse):
+        matrix, diagonal = BlockPattern.dense(5).zeros(), np.zeros(5)
+        prior.add_information(matrix, diagonal)
+        assert np.allclose(matrix.toarray(), rows.T @ rows)
+        assert np.allclose(diagonal, np.diagonal(rows.T @ rows))

@@ -140,7 +140,7 @@ class Bundle:
     def _pattern(self, starts: Indices, groups: NDArray[np.integer], point: Indices) -> BlockPattern:
         """Return the pattern of groups with these first columns; observations have groups (M, K) and points (M,)."""
         residuals, derivatives = self._prior(self.start)
-        prior, points = derivatives.tocoo(), int(point.max(initial=-1)) + 1
+        prior, points = coo_array(derivatives), int(point.max(initial=-1)) + 1
         of_rays, is_free = np.broadcast_to(point[:, None], groups.shape), groups >= 0
         of_prior = np.searchsorted(starts, prior.col, side="right") - 1
         ends = np.append(of_rays[is_free], points + prior.row), np.append(groups[is_free], of_prior)
@@ -195,17 +195,17 @@ class Bundle:
     def _prior(self, state: Structure) -> Prior:
         """Return the prior of the free values, and the measurements."""
         count, values, precision = self.parameters[2], len(state.values), self._precision
-        of_values = csr_array((precision, np.arange(count - values, count), np.arange(values + 1)), (values, count))
+        columns = np.arange(count - values, count)
         if self.measured is None:
-            return Prior(precision * state.values, of_values)
+            return Prior.of(precision * state.values, columns[:, None], precision[:, None], count)
         residuals, frames, derivatives = self.measured.linearize(state.rig_from_world)
-        columns = self.parameters[0][frames]
-        free = columns >= 0
-        starts = np.concatenate([[0], np.cumsum(free.sum(axis=(1, 2)))])
-        measured = csr_array((derivatives[free], columns[free], starts), (len(residuals), count))
+        shape = len(residuals), POSE * frames.shape[1]
+        measured = Prior.of(residuals, self.parameters[0][frames].reshape(shape), derivatives.reshape(shape), count)
         if not values:
-            return Prior(residuals, measured)
-        return Prior(np.append(precision * state.values, residuals), csr_array(vstack([of_values, measured])))
+            return measured
+        of_values = csr_array((precision, columns, np.arange(values + 1)), (values, count))
+        both = csr_array(vstack([of_values, csr_array(measured.derivatives)]))
+        return Prior(np.append(precision * state.values, residuals), both)
 
     def covariances(self, state: Structure) -> tuple[BlockMatrix, Array]:
         """Return the covariances of the cameras, and of the points (P, 3, 3), at the optimum.
@@ -238,7 +238,7 @@ class Bundle:
         cameras, moves = np.append(step[:count], 0.0), step[count:].reshape(-1, 3)
         return Structure(
             _moved(state.rig_from_world, cameras[frames]),
-            _moved(state.sensor_from_rig, cameras[sensors]),
+            _moved(state.sensor_from_rig, cameras[sensors]) if self.refines_sensors else state.sensor_from_rig,
             state.points + moves,
             state.values + cameras[count - len(state.values) : count],
         )

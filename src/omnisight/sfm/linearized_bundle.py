@@ -23,7 +23,7 @@ POINTS_PER_TASK, MAX_MATRICES = 2048, 8
 # Columns of the cameras up to which their variances are exact, which takes one solution for each. Beyond, they are
 # means over PROBES random combinations of the gradients, with a relative standard deviation of sqrt(2 / PROBES).
 MAX_EXACT_COLUMNS, PROBES, PROBES_AT_ONCE = 3000, 512, 32
-# Share of derivatives that are not zero beyond which the product of dense matrices is faster.
+# Share of derivatives that are not zero beyond which dense matrices are faster.
 MIN_DENSE_SHARE = 0.1
 # Leverage beyond which the residuals of a point are those of unfinished iterations.
 MAX_LEVERAGE = 0.999
@@ -32,21 +32,36 @@ PRECONDITIONER_DAMPING = 1e-8
 
 
 class Prior(NamedTuple):
-    """Whitened residuals (R,) that depend on cameras only, and their derivatives (R, C)."""
+    """Whitened residuals (R,) that depend on cameras only, and their derivatives (R, C), sparse or dense."""
 
     residuals: Array
-    derivatives: csr_array
+    derivatives: csr_array | Array
 
-    def information(self, count: int) -> tuple[Indices, Indices, Array]:
-        """Return the rows, columns and values of the lower triangle of the information (C, C) of the cameras."""
-        if len(self.derivatives.indices) <= MIN_DENSE_SHARE * len(self.residuals) * count:
-            product = (self.derivatives.T @ self.derivatives).tocoo()
-        else:
-            dense = self.derivatives.toarray()
-            product = coo_array(dense.T @ dense)
+    @classmethod
+    def of(cls, residuals: Array, columns: Indices, derivatives: Array, count: int) -> "Prior":
+        """Return the prior of residuals (R,) with derivatives (R, K) by some of the columns, -1 if they are fixed."""
+        if derivatives.size >= MIN_DENSE_SHARE * len(residuals) * count:
+            # The last column is that of fixed parameters.
+            dense = np.zeros((len(residuals), count + 1))
+            dense[np.arange(len(residuals))[:, None], columns] = derivatives
+            return cls(residuals, dense[:, :count])
+        free = columns >= 0
+        starts = np.concatenate([[0], np.cumsum(free.sum(axis=1))])
+        return cls(residuals, csr_array((derivatives[free], columns[free], starts), (len(residuals), count)))
+
+    def add_information(self, matrix: BlockMatrix, diagonal: Array) -> None:
+        """Add the information of the cameras to a matrix (C, C) and to its undamped diagonal (C,), in place."""
+        product = self.derivatives.T @ self.derivatives
+        if isinstance(product, np.ndarray) and len(matrix.values) == product.size:  # the pattern is one block
+            matrix.values[:] += product.ravel()
+            diagonal += product.diagonal()
+            return
+        product = coo_array(product)
         lower = product.row >= product.col
         row, column = (index[lower].astype(np.intp) for index in (product.row, product.col))
-        return row, column, np.asarray(product.data[lower], float)
+        values = np.asarray(product.data[lower], float)
+        matrix.values[matrix.pattern.addresses(row, column)] += values
+        diagonal[row[row == column]] += values[row == column]
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,9 +245,7 @@ class LinearizedBundle:
         for part in others:
             for target, values in ((matrix.values, part.matrix.values), (right, part.right), (diagonal, part.diagonal)):
                 target += values
-        row, column, values = self.prior.information(self.count)
-        matrix.values[cameras.pattern.addresses(row, column)] += values
-        diagonal[row[row == column]] += values[row == column]
+        self.prior.add_information(matrix, diagonal)
         right += self.prior.derivatives.T @ self.prior.residuals
         return ReducedSystem(matrix, right, diagonal)
 
@@ -247,7 +260,7 @@ class LinearizedBundle:
         point, free = np.broadcast_to(self.point[:, None], columns.shape), columns >= 0
         shape = self.count, len(self.starts) - 1
         of_points = coo_array((gradients[free], (columns[free], point[free])), shape=shape)
-        return csr_array(hstack([of_points, self.prior.derivatives.T]))
+        return csr_array(hstack([of_points, csr_array(self.prior.derivatives.T)]))
 
     def covariances(self, gradients: csr_array | None = None, noise: float = 1.0) -> tuple[BlockMatrix, Array]:
         """Return the covariances of the cameras, of the groups that points connect, and of the points (P, 3, 3).
