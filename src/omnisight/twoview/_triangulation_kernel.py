@@ -98,6 +98,23 @@ def angular_optimum(points, origins, directions, whitening):
     return points, costs, information
 
 
+@njit_driver
+def largest_angles(directions):
+    """Return the largest angles (N,) between two of the directions (N, V, 3) of points; NaN entries are left out."""
+    angles = np.empty(len(directions))
+    for n in range(len(directions)):
+        largest = 0.0
+        for v in range(directions.shape[1]):
+            a = directions[n, v]
+            for w in range(v):
+                b = directions[n, w]
+                square = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+                if square > largest:  # not if it is NaN
+                    largest = square
+        angles[n] = 2.0 * np.arcsin(min(0.5 * np.sqrt(largest), 1.0))
+    return angles
+
+
 @njit_helper
 def refine_point(point, origins, directions, whitening, information):
     """Minimize the whitened chords of one point (3,) in place; fill J^T J (3, 3), and return the cost."""

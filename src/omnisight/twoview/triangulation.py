@@ -82,7 +82,7 @@ def triangulate(
     across = _whitening(directions_in_cams, covariance, INITIAL_SIGMA_DEG if sigma_deg is None else sigma_deg, seen)
     maps = np.ascontiguousarray(np.einsum("vnkj,vji->nvki", across, rotations))
 
-    from omnisight.twoview._triangulation_kernel import angular_optimum, midpoints
+    from omnisight.twoview._triangulation_kernel import angular_optimum, largest_angles, midpoints
 
     points, cost, information = angular_optimum(midpoints(origin, direction), origin, direction, maps)
     count = seen.sum(axis=0)
@@ -96,7 +96,7 @@ def triangulate(
         along = (offset * direction).sum(-1)
         angle = 2 * np.arcsin(np.minimum(np.linalg.norm(offset / distance[..., None] - direction, axis=-1) / 2, 1))
         residual = np.sqrt(np.nansum(angle**2, axis=1) / np.maximum(count, 1))
-    parallax = _largest_angle(direction)
+    parallax = largest_angles(direction)
     information_of_rays = np.where(seen.T, (maps**2).sum(axis=(2, 3)) / 2, 0.0).sum(axis=1) / np.maximum(count, 1)
     with np.errstate(divide="ignore"):
         sigma = scale / np.sqrt(information_of_rays)
@@ -164,13 +164,3 @@ def _scale(cost: Array, count: NDArray[np.intp]) -> float:
     use = np.isfinite(cost)
     freedom = int((2 * count[use] - 3).sum())
     return float(np.sqrt(cost[use].sum() / freedom)) if freedom > 0 else float("nan")
-
-
-def _largest_angle(direction: Array) -> Array:
-    """Return the largest angle (N,) between two directions (N, V, 3) of a point; zero with fewer than two."""
-    largest = np.zeros(len(direction))
-    for shift in range(1, direction.shape[1]):
-        chord = np.linalg.norm(direction - np.roll(direction, shift, axis=1), axis=-1)
-        angles = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
-        largest = np.fmax(largest, np.nan_to_num(angles).max(axis=1))
-    return largest
