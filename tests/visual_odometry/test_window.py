@@ -9,6 +9,7 @@ from omnisight.optim.levenberg_marquardt import minimize
 from omnisight.optim.loss import StudentT
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.structure import RayObservations, Structure
+from omnisight.visual_odometry._whitened_axes_kernel import whitened_axes
 from omnisight.visual_odometry.marginalization import PosePrior, gauge_prior, marginalize_first
 from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 
@@ -79,3 +80,20 @@ def test_information_that_is_only_rounding_is_unknown():
     prior = PosePrior.of_normal_equations(np.arange(1), np.eye(3, 4)[None], information, np.ones(6))
     rows = prior.derivatives[:, 0]
     assert np.allclose(rows.T @ rows, np.diag([4.0, 9.0, 1.0, 4.0, 16.0, 0.0]), atol=1e-8)
+
+
+def test_axes_whiten_the_covariance_of_a_bearing():
+    """The covariance of pixels A N A^T + v I, through the pixels per radian of a patch."""
+    rng = np.random.default_rng(0)
+    maps, units, bearings = rng.normal(size=(20, 2, 5)), rng.normal(size=(20, 3, 2)), rng.normal(size=(20, 3))
+    bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)
+    root, variance = rng.normal(size=(20, 2, 2)), rng.uniform(0.1, 1.0, 20)
+    maps[3] = np.nan
+    axes = np.empty((20, 2, 3))
+    whitened_axes(maps, units, bearings, root @ root.transpose(0, 2, 1), variance, axes)
+    assert np.isnan(axes[3]).all()
+    for n in [*range(3), *range(4, 20)]:
+        a, b = maps[n, :, :2], bearings[n]
+        px_per_rad = a @ np.linalg.pinv(units[n] - np.outer(b, b @ units[n]))
+        covariance = a @ root[n] @ root[n].T @ a.T + variance[n] * np.eye(2)
+        assert np.allclose(axes[n].T @ axes[n], px_per_rad.T @ np.linalg.inv(covariance) @ px_per_rad)

@@ -73,20 +73,16 @@ class PatchViews:
 
     def axes(self, bearings: Array) -> Array:
         """Return the whitened tangents (N, 2, 3) of measured bearings (N, 3), all in the frame of the rig."""
+        from omnisight.visual_odometry._whitened_axes_kernel import whitened_axes
+
         patches, center = self._patches, self._sensor_from_world.inverse().translation
-        maps = self.maps[:, :, :2]
         scale = np.linalg.norm(self._points - center, axis=1)[:, None, None]
         units = self._rig_from_world.rotation @ (self._units / scale)
-        units -= bearings[:, :, None] * np.einsum("ni,nij->nj", bearings, units)[:, None, :]
-        finite = np.isfinite(maps).all(axis=(1, 2)) & np.isfinite(units).all(axis=(1, 2))
-        safe = np.where(finite[:, None, None], units, np.eye(3)[:, :2])
-        px_per_rad = maps @ np.linalg.pinv(safe)
         of_noise = (NOISE_FACTOR * np.maximum(patches.noise, 1.0))[:, None, None] ** 2 * patches.uncertainty
         variance = POSITION_SIGMA_PX**2 + (SLANT_SIGMA_PX * patches.view_changes(center)) ** 2
-        covariance = maps @ of_noise @ maps.transpose(0, 2, 1) + variance[:, None, None] * np.eye(2)
-        covariance = np.where(finite[:, None, None], covariance, np.eye(2))
-        axes = np.linalg.solve(np.linalg.cholesky(covariance), px_per_rad)
-        return np.where(finite[:, None, None], axes, np.nan)
+        axes = np.empty((len(bearings), 2, 3))
+        whitened_axes(self.maps, units, bearings, of_noise, variance, axes)
+        return axes
 
     @cached_property
     def _ends(self) -> Array:
