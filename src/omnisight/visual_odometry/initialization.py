@@ -145,8 +145,8 @@ class Initialization:
         poses = self.first.pose, last_from_first @ self.first.pose
         sigma = GAUGE_SIGMA * float(np.linalg.norm(last_from_first.translation))
         prior = gauge_prior(np.array([pose.matrix for pose in poses]), sigma, has_scale=has_scale)
-        window = KeyframeWindow([Keyframe(self.first.frame, poses[0], first, self.first.images)], prior, size)
-        window.add(Keyframe(self.frames[-1].frame, poses[1], last), last.number)
+        window = KeyframeWindow(Keyframe(self.first.frame, poses[0], self.first.images), first, prior, size)
+        window.add(Keyframe(self.frames[-1].frame, poses[1]), last, FrameRays.none(), last.number)
         return window
 
     def is_sudden(self, rays: FrameRays) -> bool:

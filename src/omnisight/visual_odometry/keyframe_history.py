@@ -97,11 +97,11 @@ class KeyframeHistory:
 
     def update(self, window: KeyframeWindow, rig: Rig) -> None:
         """Add the keyframes of a window that are new, with the rig that observed them."""
-        for keyframe in window.keyframes:
+        for k, keyframe in enumerate(window.keyframes):
             if keyframe.index in self._row_of:
                 self.poses[self._row_of[keyframe.index]] = keyframe.rig_from_world
                 continue
-            rays = keyframe.all_rays
+            rays = window.all_rays(k)
             self._row_of[keyframe.index] = len(self)
             self.frames.append(keyframe.index)
             self.poses.append(keyframe.rig_from_world)
@@ -117,8 +117,7 @@ class KeyframeHistory:
             if keyframe.images and self._shows_another_place(rays.number):
                 self._add_place(keyframe.images, rig)
                 self._at_place = rays.number
-        highest = max(int(keyframe.all_rays.number.max(initial=-1)) for keyframe in window.keyframes)
-        self._reserve(self._base + highest + 1)
+        self._reserve(self._base + window.highest_number + 1)
         self.points[window.number + self._base] = window.points
 
     def rays(self, row: int) -> FrameRays:

@@ -4,7 +4,7 @@ import numpy as np
 
 from omnisight.geometry.pose import Pose
 from omnisight.visual_odometry.ray_observations import FrameRays, common
-from omnisight.visual_odometry.window import Keyframe
+from omnisight.visual_odometry.window import KeyframeWindow
 
 # Median change (radians) of the directions of points since the last keyframe, without that by the rotation.
 MIN_PARALLAX_RAD = np.radians(2.0)
@@ -12,11 +12,12 @@ MIN_PARALLAX_RAD = np.radians(2.0)
 MIN_SHARE = 0.7
 
 
-def is_keyframe(last: Keyframe, rays: FrameRays, rig_from_world: Pose) -> bool:
-    """Return whether a frame adds parallax, or shows too few patches of the last keyframe."""
-    a, b = common(last.rays, rays)
-    if len(b) < MIN_SHARE * len(last.rays):
+def is_keyframe(window: KeyframeWindow, rays: FrameRays, rig_from_world: Pose) -> bool:
+    """Return whether a frame adds parallax to a window, or shows too few patches of its last keyframe."""
+    last = window.last_rays
+    a, b = common(last, rays)
+    if len(b) < MIN_SHARE * len(last):
         return True
-    turn = rig_from_world.rotation @ last.rig_from_world.rotation.T
+    turn = rig_from_world.rotation @ window.keyframes[-1].rig_from_world.rotation.T
     chord = np.linalg.norm(a.bearings @ turn.T - b.bearings, axis=1)
     return float(np.median(chord)) > MIN_PARALLAX_RAD

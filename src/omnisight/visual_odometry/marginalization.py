@@ -60,7 +60,7 @@ class PosePrior:
         now = rig_from_world[self.frames]
         turned = so3.log(now[:, :, :3] @ self.poses[:, :, :3].transpose(0, 2, 1))
         steps = np.concatenate([turned, now[:, :, 3] - self.poses[:, :, 3]], axis=1)
-        residuals = self.residuals + np.einsum("rki,ki->r", self.derivatives, steps)
+        residuals = self.residuals + self.derivatives.reshape(-1, steps.size) @ steps.ravel()
         frames = np.broadcast_to(self.frames, (len(residuals), len(self.frames)))
         return LinearizedMeasurements(residuals, frames, self.derivatives)
 

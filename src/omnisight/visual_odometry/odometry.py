@@ -142,7 +142,7 @@ class Odometry:
         pose, extends = found.rig_from_world, False
         self._resume(frame, pose)
         tracker.confirm(pose, frame.rays, agrees := found.is_inlier | ~frame.rays.has_point)
-        if is_keyframe(self._window.keyframes[-1], frame.rays[agrees], pose):
+        if is_keyframe(self._window, frame.rays[agrees], pose):
             pose, extends = self._extend(frame, tracker, self._window, pose), True
         self._append([TrackedPose(frame.index, seconds, pose)])
         self.residuals.append(found.sigma)
@@ -280,7 +280,7 @@ class Odometry:
         """Add a keyframe to the window, and start new patches; return its refined pose."""
         others = tracker.cross_rays(pose) if has_baseline(self.rig) else FrameRays.none()
         seen = tracker.patches.number[tracker.patches.is_seen]
-        window.add(Keyframe(frame.index, pose, tracker.rays(pose), others=others), seen)
+        window.add(Keyframe(frame.index, pose), tracker.rays(pose), others, seen)
         self._store_keyframe(frame, tracker, window)
         self.keyframes += 1
         return window.keyframes[-1].rig_from_world
@@ -292,11 +292,10 @@ class Odometry:
             self._history.update(window, self.rig)
 
     def _start_patches(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
-        """Start patches in the last keyframe of a window, and return the rays of all that it shows."""
+        """Start patches in the last keyframe of a window, and return their rays."""
         pose = window.keyframes[-1].rig_from_world
         tracker.set_points(window.number, window.points)
-        tracker.detect(frame.images, pose)
-        return tracker.rays(pose)
+        return tracker.detect(frame.images, pose)
 
     def _recover(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> tuple[Frame, FramePose]:
         """Return the frame with the pose that descriptors determine, if there is one."""

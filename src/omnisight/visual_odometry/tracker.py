@@ -131,14 +131,18 @@ class Tracker:
         patches = replace(self.patches, is_seen=seen, directions=directions)
         self.patches = self._with_guesses(patches[seen | patches.has_point], rig_from_world)
 
-    def detect(self, images: Sequence[Bytes], rig_from_world: Pose) -> None:
-        """Start patches at corners of the last images, in cells without any."""
+    def detect(self, images: Sequence[Bytes], rig_from_world: Pose) -> FrameRays:
+        """Start patches at corners of the last images, in cells without any; return their rays."""
+        parts = list[FrameRays]()
         for sensor, gray in enumerate(images):
             seen = (self.patches.sensor == sensor) & self.patches.is_seen
             pixels = detect_corners(gray, self._cells[sensor], self.patches.pixels[seen])
             if len(pixels):
-                self.patches = self.patches.joined(self._start(sensor, pixels, rig_from_world))
+                new = self._start(sensor, pixels, rig_from_world)
+                self.patches = self.patches.joined(new)
+                parts.append(self._rays_of(sensor, new, rig_from_world))
         self.patches = self._with_guesses(self.patches, rig_from_world)
+        return reduce(FrameRays.joined, parts, FrameRays.none())
 
     def _with_guesses(self, patches: Patches, rig_from_world: Pose) -> Patches:
         """Return patches whose unknown distances are guessed to be those of the known points nearest in direction."""
