@@ -226,3 +226,22 @@ def test_wrong_sizes_and_options_are_reported():
         FeatureOptions(surface="tiles")
     with pytest.raises(ValueError, match="max_keypoints must be at least 1"):
         FeatureOptions(max_keypoints=0)
+    with pytest.raises(ValueError, match="max_resolution must be positive"):
+        FeatureOptions(max_resolution=0.0)
+
+
+def test_views_of_a_limited_resolution_have_the_same_bearings():
+    """Keypoints of views of half the resolution are those of coarse scales, at the same directions."""
+    image = photograph(FISHEYE)
+    whole = detect_features(image, FISHEYE)
+    half = detect_features(image, FISHEYE, FeatureOptions(max_resolution=whole_resolution() / 2))
+    assert len(half) > 20
+    distances = np.linalg.norm(half.bearings[:, None] - whole.bearings[None], axis=2).min(axis=1)
+    assert np.median(distances) < 0.5 / whole_resolution()
+    assert np.median(half.scale) > 1.5 * np.median(whole.scale)
+
+
+def whole_resolution() -> float:
+    """Return the pixels per radian in the centre of the fisheye."""
+    ends, _ = FISHEYE.project(np.array([[-5e-4, 0.0, 1.0], [5e-4, 0.0, 1.0]]))
+    return float(np.linalg.norm(ends[1] - ends[0]) / 1e-3)

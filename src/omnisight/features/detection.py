@@ -41,17 +41,22 @@ class FeatureOptions(Options):
         "views": stereographic views of the faces of a cube, which rectify the image locally. "image": the image itself.
     max_keypoints
         Only the strongest are returned.
+    max_resolution
+        Pixels per radian of the views at most: those of an image with more are reduced, which takes less time.
     """
 
     kind: Literal["sift", "orb", "xfeat"] = "sift"
     surface: Literal["views", "image"] = "views"
     max_keypoints: int = 4000
+    max_resolution: float = float("inf")
 
     def __post_init__(self) -> None:
         """Check the names and the number."""
         super().__post_init__()
         if self.max_keypoints < 1:
             raise ValueError(f"max_keypoints must be at least 1, got {self.max_keypoints}")
+        if not self.max_resolution > 0:
+            raise ValueError(f"max_resolution must be positive, got {self.max_resolution:g}")
 
 
 def detect_features(
@@ -101,7 +106,7 @@ def detect_features(
     valid = illuminated_region(gray, camera)
     gray = _brightened(gray, valid)
     detector = DETECTORS[options.kind]
-    views = tangent_views(camera) if options.surface == "views" else whole_image(camera)
+    views = tangent_views(camera, options.max_resolution) if options.surface == "views" else whole_image(camera)
     views = [MirroredView(view) for view in views] if mirrored else views
     found = parallel_map(lambda view: _detect_in_view(view, gray, valid, detector, options.max_keypoints), views)
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])

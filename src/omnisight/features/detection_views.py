@@ -105,9 +105,9 @@ class TangentView:
     would stretch what is 55 degrees from its centre by 1.7 in one direction.
     """
 
-    def __init__(self, camera: Camera, rotation: Array, seen: Array) -> None:
+    def __init__(self, camera: Camera, rotation: Array, seen: Array, max_resolution: float) -> None:
         """Build the view with a rotation (view from camera), cropped to what the camera sees (N, 3) in its face."""
-        px_per_rad = float(np.median(resolution(camera, seen @ rotation)))
+        px_per_rad = min(float(np.median(resolution(camera, seen @ rotation))), max_resolution)
         self._camera, self._rotation = camera, rotation
         self._view = _cropped_view(seen, px_per_rad, max(camera.size) / SAMPLES)
         self._remap = Remapper(camera, self._view, rotation, interpolation="bicubic")
@@ -138,8 +138,8 @@ def _cropped_view(seen: Array, px_per_rad: float, spacing: float) -> Camera:
 
 
 @lru_cache(maxsize=4)
-def tangent_views(camera: Camera) -> list[DetectionView]:
-    """Return the views of the cube faces that the camera sees, at the resolution of its image."""
+def tangent_views(camera: Camera, max_resolution: float) -> list[DetectionView]:
+    """Return the views of the cube faces that the camera sees, at the resolution of its image or a maximum of it."""
     bearings, _ = camera.samples(count=SAMPLES)
     views: list[DetectionView] = []
     for yaw, pitch in CUBE_FACES.values():
@@ -147,7 +147,7 @@ def tangent_views(camera: Camera) -> list[DetectionView]:
         seen = bearings @ rotation.T
         seen = seen[_is_in_front_face(seen)]
         if len(seen):
-            views.append(TangentView(camera, rotation, seen))
+            views.append(TangentView(camera, rotation, seen, max_resolution))
     return views or whole_image(camera)  # a camera that sees nothing has no keypoints
 
 
