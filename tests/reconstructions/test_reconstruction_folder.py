@@ -20,9 +20,11 @@ MAKERS = {"single": single, "rig": two_fisheyes, "independent": independent}
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_reconstruction_reads_back_unchanged(tmp_path, name):
     made = MAKERS[name]()
+    made = dataclasses.replace(made, unverified=made.names[-1:])
     write_reconstruction(tmp_path / "model", made)
     again = read_reconstruction(tmp_path / "model")
     assert again.names == made.names
+    assert again.unverified == made.unverified
     assert again.has_scale is made.has_scale
     assert again.rig.names == made.rig.names
     assert again.rig_from_world == made.rig_from_world

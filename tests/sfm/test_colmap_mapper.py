@@ -34,7 +34,7 @@ def test_cameras_on_a_circle_are_mapped_as_by_averaging(circle, mapper):
     pytest.importorskip("pycolmap")
     images, graph = circle
     counts = []
-    (found,) = map_images_with_colmap(images, graph.edges, counts.append, mapper, refines_sensors=False)
+    (found,) = map_images_with_colmap(images, graph, counts.append, mapper, refines_sensors=False)
     assert found.frames.tolist() == list(range(6))
     assert max(counts) == 6
     positions, rotations = similarity_errors(found.rig_from_world, CIRCLE)
@@ -55,7 +55,7 @@ def test_a_rig_of_sensors_apart_is_mapped_in_metres(mapper):
     keypoints, sensor, frame = rig_views(frames, sensors, points_around(200), field_deg=220.0)
     matrices = np.array([pose.matrix for pose in sensors])
     images, graph = view_graph(keypoints, RigImages.of(keypoints, sensor, 2).on_rig(frame, matrices, is_known=True))
-    (found,) = map_images_with_colmap(images, graph.edges, ignore, mapper, refines_sensors=False)
+    (found,) = map_images_with_colmap(images, graph, ignore, mapper, refines_sensors=False)
     assert found.frames.tolist() == list(range(7))
     assert found.has_scale
     np.testing.assert_allclose(found.rig_from_world, [pose.matrix for pose in frames], atol=5e-3)
@@ -72,7 +72,7 @@ def test_frames_without_the_first_sensor_are_mapped():
     chosen = [keypoints[i] for i in keep]
     images = RigImages.of(chosen, sensor[keep], 2).on_rig(frame[keep], matrices, is_known=True)
     images, graph = view_graph(chosen, images)
-    (found,) = map_images_with_colmap(images, graph.edges, ignore, refines_sensors=False)
+    (found,) = map_images_with_colmap(images, graph, ignore, refines_sensors=False)
     assert found.frames.tolist() == list(range(7))
     np.testing.assert_allclose(found.rig_from_world, [pose.matrix for pose in frames], atol=5e-3)
 
@@ -83,7 +83,7 @@ def test_two_places_give_two_maps():
     here = observe(circle_of_poses(6), points_around(150), 0.1)
     there = observe(circle_of_poses(5), points_around(150, seed=8), 0.1, seed=9)
     images, graph = view_graph([*here, *there])
-    maps = map_images_with_colmap(images, graph.edges, ignore, refines_sensors=False)
+    maps = map_images_with_colmap(images, graph, ignore, refines_sensors=False)
     assert [found.frames.tolist() for found in maps] == [[0, 1, 2, 3, 4, 5], [6, 7, 8, 9, 10]]
     assert all(len(found.points) > 100 for found in maps)
 

@@ -52,6 +52,14 @@ def test_two_places_give_two_maps():
     assert [found.frames.tolist() for found in maps] == [[0, 1, 2, 3, 4], [5, 6, 7, 8]]
 
 
+def test_images_whose_relative_poses_are_all_contradicted_have_no_map(monkeypatch):
+    def contradicted_pairs(self, images, graph):
+        return {edge.images for edge in self.edges}
+
+    monkeypatch.setattr("omnisight.sfm.initial_poses._Placement.contradicted_pairs", contradicted_pairs)
+    assert mapped(observe(circle_of_poses(4), points_around(100), 0.1)) == []
+
+
 def test_images_of_one_place_have_orientations_and_no_points():
     rng = np.random.default_rng(4)
     poses = [Pose(), *(Pose(exp(rng.normal(0, 1, 3))) for _ in range(4))]
@@ -154,6 +162,20 @@ def test_a_pose_that_is_not_verified_is_replaced_if_more_matches_agree_with_anot
     assert found.is_verified[order].tolist() == [True] * 6 + [is_corrected]
     positions, _ = similarity_errors(found.rig_from_world[order], poses)
     assert (positions.max() < 0.05) == is_corrected
+
+
+@pytest.mark.parametrize(("others", "is_verified"), [(0, True), (300, False)])
+def test_an_image_that_shows_one_object_of_the_place_and_nothing_else_of_it_is_not_verified(others, is_verified):
+    """An object of the same shape is in another room: an image of that room also shows what this one lacks."""
+    poses, world = circle_of_poses(7), points_around(150)
+    *here, there = observe(poses, world, 0.1)
+    is_object = np.isin(there.descriptors[:, 0], sorted(there.descriptors[:, 0])[:30])
+    (room,) = observe([Pose()], points_around(max(others, 1), seed=5), 0.1, seed=9)
+    last = concatenate([there[np.flatnonzero(is_object)], room[:others]])
+    (found,) = mapped([*here, last])
+    order = np.argsort(found.frames)
+    assert found.frames[order].tolist() == list(range(7))
+    assert found.is_verified[order].tolist() == [True] * 6 + [is_verified]
 
 
 def test_covariances_are_relative_to_a_verified_image():

@@ -18,6 +18,7 @@ from omnisight.sfm.missing_matches import (
     missing_matches,
     predicted_matches,
     predicted_matches_of_edges,
+    repeatability,
 )
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
@@ -67,9 +68,8 @@ def matched(keypoints):
 
 def contradicted_pairs(edges, keypoints):
     moving = [edge for edge in edges if edge.has_translation]
-    lacking = missing_matches(
-        [edge.images for edge in moving], predicted_matches_of_edges(moving, PointDistances(keypoints))
-    )
+    predictions = predicted_matches_of_edges(moving, PointDistances(keypoints))
+    lacking = missing_matches(predictions, repeatability([edge.images for edge in moving], predictions))
     return {edge.images for edge, lack in zip(moving, lacking, strict=True) if lack}
 
 
@@ -175,7 +175,8 @@ def test_most_pairs_can_be_of_places_that_look_alike():
     between = [pair for pair in combinations(range(6), 2) if pair not in rooms]
     right = PredictedMatches(predicted=100.0, found=60.0, matches=400, keypoints=4000)
     wrong = PredictedMatches(predicted=1000.0, found=148.0, matches=150, keypoints=4000)
-    lacking = missing_matches(rooms + between, [right] * len(rooms) + [wrong] * len(between))
+    predictions = [right] * len(rooms) + [wrong] * len(between)
+    lacking = missing_matches(predictions, repeatability(rooms + between, predictions))
     assert len(between) == 12
     assert (lacking[:3] == 0).all()
     np.testing.assert_allclose(lacking[3:], 0.6 * 1000 - 148)

@@ -7,35 +7,49 @@ import pytest
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
+from omnisight.sfm.missing_matches import PredictedMatches
 from omnisight.sfm.verification import MIN_VERIFIED, verified_frames
-from reconstructing import single, without_points
+from reconstructing import single
 
 
-def with_observations(made, keep):
-    return dataclasses.replace(made, observations=made.observations.select(keep))
+def complete(pairs):
+    """Predict no more matches than there are."""
+    return [PredictedMatches(0.0, 0.0, MIN_VERIFIED, 100)] * len(pairs)
+
+
+def verified(made, keep, predict=complete):
+    observations = made.observations.select(keep)
+    return verified_frames(observations.image, observations.point, made.frame, predict, 1.0).tolist()
 
 
 def test_images_with_few_points_that_other_images_share_are_not_verified():
     made = single(frames=6)
-    assert made.unverified == ()
     image, point = made.observations.image, made.observations.point
+    assert verified(made, image >= 0) == [True] * 6
     seen = np.unique(point[image == 5])
-    weak = with_observations(made, (image != 5) | np.isin(point, seen[: MIN_VERIFIED - 1]))
-    assert weak.unverified == (made.names[5],)
-    assert with_observations(made, (image != 5) | np.isin(point, seen[:MIN_VERIFIED])).unverified == ()
-    in_two = with_observations(made, image >= 4)
-    assert in_two.unverified == made.names
+    assert verified(made, (image != 5) | np.isin(point, seen[: MIN_VERIFIED - 1])) == [True] * 5 + [False]
+    assert verified(made, (image != 5) | np.isin(point, seen[:MIN_VERIFIED])) == [True] * 6
+    assert verified(made, image >= 4) == [False] * 6
+
+
+@pytest.mark.parametrize(("share", "is_contradicted"), [(0.4, True), (0.6, False)])
+def test_parts_between_which_more_matches_are_missing_than_agree_are_apart(share, is_contradicted):
+    made = single(frames=6)
+
+    def predict(pairs):
+        across = [(a < 4) != (b < 4) for a, b in pairs]
+        return [PredictedMatches(50 / share if apart else 50.0, 50.0, 50, 100) for apart in across]
+
+    assert verified(made, made.observations.image >= 0, predict) == [True] * 4 + [not is_contradicted] * 2
+
+
+def test_the_uncertainty_of_rotations_is_that_of_the_verified_images():
+    made = single(frames=6)
     sigma_deg = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 5.0])
-    covariance = np.radians(sigma_deg)[:, None, None] ** 2 * np.eye(6)
-    verified, partly, nowhere = (dataclasses.replace(m, pose_covariance=covariance) for m in (made, weak, in_two))
-    assert verified.rotation_sigma_deg == pytest.approx(0.3)
-    assert partly.rotation_sigma_deg == pytest.approx(0.25)
-    assert np.isnan(nowhere.rotation_sigma_deg)
-
-
-def test_two_images_and_images_without_points_have_nothing_to_verify():
-    assert single(frames=2).unverified == ()
-    assert without_points(single()).unverified == ()
+    made = dataclasses.replace(made, pose_covariance=np.radians(sigma_deg)[:, None, None] ** 2 * np.eye(6))
+    assert made.rotation_sigma_deg == pytest.approx(0.3)
+    assert dataclasses.replace(made, unverified=made.names[5:]).rotation_sigma_deg == pytest.approx(0.25)
+    assert np.isnan(dataclasses.replace(made, unverified=made.names).rotation_sigma_deg)
 
 
 def test_residuals_along_the_rows_of_a_panorama_are_in_pixels_of_the_equator():
@@ -51,28 +65,27 @@ def test_of_two_parts_that_no_three_images_connect_the_larger_is_verified():
     made = single(frames=8)
     image, point = made.observations.image, made.observations.point
     apart = (image < 5) & (point % 2 == 0) | (image >= 5) & (point % 2 == 1)
-    parts = with_observations(made, apart)
-    assert parts.unverified == made.names[5:]
+    assert verified(made, apart) == [True] * 5 + [False] * 3
     few = np.unique(point[image == 4])
     bridge = (image == 4) & np.isin(point, few[few % 2 == 1][: MIN_VERIFIED - 1])
-    assert with_observations(made, apart | bridge).unverified == made.names[5:]
+    assert verified(made, apart | bridge) == [True] * 5 + [False] * 3
     bridge = np.isin(image, (3, 4)) & (point % 2 == 1)
-    assert with_observations(made, apart | bridge).unverified == ()
+    assert verified(made, apart | bridge) == [True] * 8
 
 
 def test_parts_that_only_one_image_connects_are_apart_because_their_relative_scale_is_open():
     made = single(frames=8)
     image, point = made.observations.image, made.observations.point
     apart = (image < 5) & (point % 2 == 0) | (image >= 4) & (point % 2 == 1)
-    assert with_observations(made, apart).unverified == made.names[5:]
+    assert verified(made, apart) == [True] * 5 + [False] * 3
     images, points = np.arange(8), np.arange(MIN_VERIFIED)
     # The first points are in images 0 to 3, and so on: a chain in which any two neighbours have two images in common.
     seen = [(i, MIN_VERIFIED * k + p) for k in range(3) for i in images[2 * k : 2 * k + 4] for p in points]
     chain = np.array(seen).T
-    assert verified_frames(*chain, images).all()
-    assert verified_frames(*chain, images // 2).all()  # two images of a frame know their distance
+    assert verified_frames(*chain, images, complete, 1.0).all()
+    assert verified_frames(*chain, images // 2, complete, 1.0).all()  # two images of a frame know their distance
     one = chain[:, (chain[0] != 3) | (chain[1] >= MIN_VERIFIED)]  # only image 2 connects the first part
-    assert verified_frames(*one, images).tolist() == [False] * 2 + [True] * 6
+    assert verified_frames(*one, images, complete, 1.0).tolist() == [False] * 2 + [True] * 6
 
 
 def test_the_uncertainty_of_the_scale_does_not_depend_on_the_origin():

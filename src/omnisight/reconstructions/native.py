@@ -98,6 +98,7 @@ def _to_json(reconstruction: Reconstruction) -> dict[str, Any]:
         "origin": reconstruction.origin,
         "rig": rig_to_json(reconstruction.rig),
         "names": list(reconstruction.names),
+        "unverified": list(reconstruction.unverified),
     }
 
 
@@ -163,6 +164,7 @@ def _reconstruction(text: Any, arrays: Mapping[str, NDArray[Any]]) -> Reconstruc
         ),
         has_scale=text["has_scale"] is True,
         origin=_origin(text.get("origin")),
+        unverified=tuple(name for name in names if name in set(text["unverified"])),
     )
 
 

@@ -26,7 +26,7 @@ from omnisight.sfm.initial_poses import InitialPoses
 from omnisight.sfm.map import Map
 from omnisight.sfm.mapping import Watch, refine_poses
 from omnisight.sfm.rig_images import RigImages
-from omnisight.sfm.view_graph import Edge
+from omnisight.sfm.view_graph import Edge, ViewGraph
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -42,7 +42,7 @@ class ColmapError(ValueError):
 
 
 def map_images_with_colmap(
-    images: RigImages, edges: Sequence[Edge], watch: Watch, mapper: Mapper = "incremental", *, refines_sensors: bool
+    images: RigImages, graph: ViewGraph, watch: Watch, mapper: Mapper = "incremental", *, refines_sensors: bool
 ) -> list[Map]:
     """Return the maps of the models of COLMAP, the one with most frames first.
 
@@ -54,12 +54,12 @@ def map_images_with_colmap(
         If COLMAP is not installed or fails.
     """
     maps, is_used = list[Map](), np.zeros(images.frames, bool)
-    for frames, poses in colmap_poses(images, edges, watch, mapper):
+    for frames, poses in colmap_poses(images, graph.edges, watch, mapper):
         is_new = ~is_used[frames]
         if np.isin(images.frame, frames[is_new]).sum() < 2:
             continue
         first = InitialPoses(frames[is_new], poses[is_new])
-        found = refine_poses(first, images, edges, watch, refines_sensors=refines_sensors)
+        found = refine_poses(first, images, graph, watch, refines_sensors=refines_sensors)
         if (found.row_of_image >= 0).sum() > 1:
             maps.append(found.with_verified_first())
             is_used[found.frames] = True

@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.parallel import parallel_map
-from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edges, supporting_matches
+from omnisight.sfm.missing_matches import (
+    missing_matches,
+    predicted_matches_of_edges,
+    repeatability,
+    supporting_matches,
+)
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
 from omnisight.sfm.view_graph import Edge, ViewGraph, match_pair
@@ -19,7 +24,7 @@ MAX_POSES = 3
 
 
 def without_contradicted_edges(graph: ViewGraph, points: PointDistances, images: RigImages) -> ViewGraph:
-    """Return a view graph whose edges do not lack matches, with the support of its edges.
+    """Return a view graph whose edges do not lack matches, with the support of its edges and the repeatability.
 
     Where things look alike, the relative pose with most matches can be wrong: the true one is then that of the other
     matches.
@@ -28,8 +33,9 @@ def without_contradicted_edges(graph: ViewGraph, points: PointDistances, images:
     for number in range(MAX_POSES):
         moving = [e for e in graph.edges if e.has_translation and images.frame[e.a] != images.frame[e.b]]
         predictions = predicted_matches_of_edges(moving, points)
-        support |= zip(moving, supporting_matches(moving, predictions).tolist(), strict=True)
-        lacking = missing_matches([edge.images for edge in moving], predictions)
+        share = repeatability([edge.images for edge in moving], predictions)
+        support |= zip(moving, supporting_matches(moving, predictions, share).tolist(), strict=True)
+        graph, lacking = replace(graph, repeatability=share), missing_matches(predictions, share)
         contradicted = {edge for edge, lack in zip(moving, lacking, strict=True) if lack}
         if not contradicted:
             break

@@ -41,7 +41,7 @@ class InitialPoses(NamedTuple):
     Attributes
     ----------
     frames
-        (F,) indices; the first is the origin of the world.
+        (F,) indices; the first is the origin of the world. None if all edges are contradicted.
     rig_from_world
         (F, 3, 4) poses, in the unit of the rig if its sensors are apart.
     contradicted
@@ -73,14 +73,15 @@ def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -
     )
     is_consistent = ~is_moving
     is_consistent[is_moving] = averaged.is_consistent
-    edges = _select(edges, is_consistent)
-    while True:
+    every, edges = edges, _select(edges, is_consistent)
+    while edges:
         placed = _place(frames, averaged.rig_from_world, replace(graph, edges=edges), points, images)
         wrong = placed.contradicted_pairs(images, graph)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
         contradicted |= wrong
         edges = [edge for edge in edges if edge.images not in wrong]
+    return InitialPoses(frames[:0], np.zeros((0, 3, 4)), frozenset(edge.images for edge in every))
 
 
 def panorama_poses(graph: ViewGraph, images: RigImages) -> InitialPoses:
@@ -116,7 +117,7 @@ class _Placement:
     def contradicted_pairs(self, images: RigImages, graph: ViewGraph) -> set[tuple[int, int]]:
         """Return the edges that place two parts of the map where more matches are missing than agree."""
         edges = [edge for edge in self.edges if images.frame[edge.a] != images.frame[edge.b]]
-        matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)
+        matches, no_matches = graph.matches, np.zeros((0, 2), np.intp)
         inside, row = np.isin(images.frame, self.frames), np.searchsorted(self.frames, images.frame)
         pairs = [(a, b) for a, b in graph.compared if inside[a] and inside[b] and images.frame[a] != images.frame[b]]
 
@@ -131,7 +132,7 @@ class _Placement:
             b_from_a = poses[b] @ poses[a].inverse()
             return predicted_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, no_matches))
 
-        lacking = missing_matches(pairs, parallel_map(predict, pairs))
+        lacking = missing_matches(parallel_map(predict, pairs), graph.repeatability)
         suspicious = np.flatnonzero(lacking)
         linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
         unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]

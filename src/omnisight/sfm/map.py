@@ -1,5 +1,6 @@
 """A map: poses of frames, and the points that their images show."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,15 +10,21 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
+from omnisight.parallel import parallel_map
 from omnisight.sfm.bundle_adjustment import Bundle
+from omnisight.sfm.incidence import grouped
 from omnisight.sfm.measurements import Measurements
+from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, predicted_matches
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks
 from omnisight.sfm.verification import verified_frames
+from omnisight.sfm.view_graph import ViewGraph
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+
+NO_OBSERVATIONS = np.zeros(0, np.intp), np.zeros(0, np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +47,8 @@ class Map:
         Observations of the points.
     noise
         Distribution of the residuals in units of the standard deviations of the keypoints.
+    graph
+        The relative poses of the images.
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
     values
@@ -55,6 +64,7 @@ class Map:
     points: Array
     tracks: Tracks
     noise: StudentT
+    graph: ViewGraph
     refines_sensors: bool = False
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
@@ -125,4 +135,42 @@ class Map:
     @cached_property
     def is_verified(self) -> NDArray[np.bool_]:
         """Which frames (F,) are verified, see `verified_frames`."""
-        return verified_frames(self.tracks.image, self.tracks.track, self.row_of_image)
+
+        def predict(pairs: Sequence[tuple[int, int]]) -> list[PredictedMatches]:
+            return self.predicted_matches([(pair, self.all_matches(*pair)) for pair in pairs])
+
+        image, point, share = self.tracks.image, self.tracks.track, self.graph.repeatability
+        return verified_frames(image, point, self.row_of_image, predict, share)
+
+    def all_matches(self, a: int, b: int) -> Indices:
+        """Return the keypoints (N, 2) of two images that match, also far ones, or show a point by other images."""
+        (of_a, in_a), (of_b, in_b) = (self.observations.get(image, NO_OBSERVATIONS) for image in (a, b))
+        _, first, second = np.intersect1d(of_a, of_b, return_indices=True)
+        by_others = np.column_stack([in_a[first], in_b[second]])
+        return np.unique(np.concatenate([self.graph.matches.get((a, b), by_others[:0]), by_others]), axis=0)
+
+    def predicted_matches(self, pairs: Sequence[tuple[tuple[int, int], Indices]]) -> list[PredictedMatches]:
+        """Return the matches that the poses of pairs of images predict, given their matches (N, 2)."""
+
+        def predict(pair: tuple[tuple[int, int], Indices]) -> PredictedMatches:
+            (a, b), matches = pair
+            b_from_a = self.cam_from_world(b) @ self.cam_from_world(a).inverse()
+            return predicted_matches(self.known_points.get(a), self.known_points.get(b), b_from_a, matches)
+
+        return parallel_map(predict, pairs)
+
+    @cached_property
+    def observations(self) -> dict[int, tuple[Indices, Indices]]:
+        """Points of each image, and their keypoints."""
+        return {image: (self.tracks.track[i], self.tracks.keypoint[i]) for image, i in grouped(self.tracks.image)}
+
+    @cached_property
+    def known_points(self) -> dict[int, KnownPoints]:
+        """Keypoints of each image with points, with their distances."""
+
+        def of_image(image: int) -> KnownPoints:
+            points, keypoints = self.observations[image]
+            distances = np.linalg.norm(self.cam_from_world(image) @ self.points[points], axis=1)
+            return KnownPoints.of(self.images.bearings_of(image), keypoints, distances)
+
+        return dict(zip(self.observations, parallel_map(of_image, list(self.observations)), strict=True))

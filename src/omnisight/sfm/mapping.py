@@ -7,16 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
-from omnisight.geometry.pose import Pose
 from omnisight.optim.loss import StudentT
-from omnisight.parallel import parallel_for, parallel_map
+from omnisight.parallel import parallel_for
 from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import TOLERANCE, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
-from omnisight.sfm.incidence import grouped
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.map import Map
-from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, missing_matches, predicted_matches
+from omnisight.sfm.missing_matches import missing_matches
 from omnisight.sfm.noise import noise_of_map
 from omnisight.sfm.registration import register_frames
 from omnisight.sfm.rig_images import RigImages
@@ -86,7 +84,9 @@ def map_images(
     while rest:
         first = _first_poses(replace(graph, edges=rest), distances, images)
         rest = [edge for edge in rest if edge.images not in first.contradicted]
-        start = _without_points(first, images, refines_sensors)
+        if not len(first.frames):
+            continue
+        start = _without_points(first, images, graph, refines_sensors)
         is_moving = any(edge.has_translation for edge in rest)
         found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
@@ -141,14 +141,14 @@ def _first_poses(graph: ViewGraph, points: PointDistances, images: RigImages) ->
 
 
 def refine_poses(
-    first: InitialPoses, images: RigImages, edges: Sequence[Edge], watch: Watch, *, refines_sensors: bool
+    first: InitialPoses, images: RigImages, graph: ViewGraph, watch: Watch, *, refines_sensors: bool
 ) -> Map:
     """Return the map of frames with initial poses: triangulate points, and refine both.
 
     The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
     """
-    start = _without_points(first, images, refines_sensors)
-    return _refined(start, _tracks(start, edges), watch)
+    start = _without_points(first, images, graph, refines_sensors)
+    return _refined(start, _tracks(start, graph.edges), watch)
 
 
 def refine_with_ray_cameras(
@@ -159,12 +159,12 @@ def refine_with_ray_cameras(
     return _refined(exact, _tracks(exact, edges), watch)
 
 
-def _without_points(first: InitialPoses, images: RigImages, refines_sensors: bool) -> Map:
+def _without_points(first: InitialPoses, images: RigImages, graph: ViewGraph, refines_sensors: bool) -> Map:
     """Return a map of some poses, without points."""
     values = np.zeros(0 if images.pixels is None else images.pixels.free.count)
     no_points = np.zeros((0, 3)), build_tracks([], []), StudentT(sigma=INITIAL_SCALE)
     poses = first.frames, first.rig_from_world, images.sensor_from_rig
-    return Map(images, *poses, *no_points, refines_sensors, values)
+    return Map(images, *poses, *no_points, graph, refines_sensors, values)
 
 
 def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:
@@ -203,21 +203,12 @@ def _without_unsupported_frames(current: Map) -> Map:
 
 def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
     """Return which frames (F,) are where more matches with the others are missing than agree."""
-    images, row, tracks = found.images, found.row_of_image, found.tracks
-    known, poses = dict[int, KnownPoints](), dict[int, Pose]()
-    for image, seen in grouped(tracks.image):
-        poses[image] = found.cam_from_world(image)
-        distances = np.linalg.norm(poses[image] @ found.points[tracks.track[seen]], axis=1)
-        known[image] = KnownPoints.of(images.bearings_of(image), tracks.keypoint[seen], distances)
-    matches, no_matches = {edge.images: edge.pairs for edge in graph.edges}, np.zeros((0, 2), np.intp)
+    row, known = found.row_of_image, found.known_points
+    matches, no_matches = graph.matches, np.zeros((0, 2), np.intp)
     pairs = [(a, b) for a, b in graph.compared if a in known and b in known and row[a] != row[b]]
-
-    def predict(pair: tuple[int, int]) -> PredictedMatches:
-        a, b = pair
-        return predicted_matches(known[a], known[b], poses[b] @ poses[a].inverse(), matches.get(pair, no_matches))
-
-    predictions = parallel_map(predict, pairs)
-    lacking, agreeing = missing_matches(pairs, predictions), np.array([each.found for each in predictions])
+    predictions = found.predicted_matches([(pair, matches.get(pair, no_matches)) for pair in pairs])
+    lacking = missing_matches(predictions, graph.repeatability)
+    agreeing = np.array([each.found for each in predictions])
     ends, contradicted = row[np.array(pairs, np.intp).reshape(-1, 2)], np.zeros(len(found.frames), bool)
     while True:
         use = ~contradicted[ends].any(axis=1)

@@ -25,8 +25,6 @@ from omnisight.sfm.view_graph import Edge
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Angle up to which a keypoint has the distance of the nearest keypoint whose distance is known: of the same wall.
-MAX_INTERPOLATION_RAD = float(np.radians(10.0))
 # Distance of a predicted direction from the nearest keypoint, in units of the median distance of keypoints from each
 # other: farther away, the image may not show the surface.
 MAX_GAP = 2.0
@@ -49,19 +47,16 @@ MIN_REPEATABILITY = 0.15
 
 @dataclass(frozen=True, eq=False)
 class KnownPoints:
-    """Keypoints of an image whose distances are known, or those of their neighbours.
+    """Keypoints of an image with their distances, or those of the nearest keypoints whose distances are known.
 
     Attributes
     ----------
-    keypoint
-        (N,) indices.
     bearings, distances
         (N, 3) and (N,).
     farthest
         (6 CELLS^2,) distance in each cell of the sphere; 0 without a keypoint.
     """
 
-    keypoint: Indices
     bearings: Array
     distances: Array
     farthest: Array
@@ -69,14 +64,12 @@ class KnownPoints:
     @classmethod
     def of(cls, bearings: Array, known: Indices, distances: Array) -> Self:
         """Return the keypoints (K, 3) of an image, and the known distances of some (N,)."""
-        gap, nearest = KDTree(bearings[known]).query(bearings)
-        keypoint = np.flatnonzero(gap <= MAX_INTERPOLATION_RAD)
-        bearings, distances = bearings[keypoint], distances[np.asarray(nearest)[keypoint]]
+        distances = distances[KDTree(bearings[known]).query(bearings)[1]]
         tree = KDTree(bearings)
         spacing = tree.query(bearings, k=2)[0][:, 1] if len(bearings) > 1 else np.zeros(1)
         reach = MAX_GAP * float(np.median(spacing)) + CELL_RADIUS_RAD
-        gap, nearest = tree.query(_cell_centers(), distance_upper_bound=reach)
-        return cls(keypoint, bearings, distances, np.append(distances, 0.0)[nearest])
+        nearest = tree.query(_cell_centers(), distance_upper_bound=reach)[1]
+        return cls(bearings, distances, np.append(distances, 0.0)[nearest])
 
     @classmethod
     def at_infinity(cls, bearings: Array) -> Self:
@@ -91,11 +84,11 @@ class KnownPoints:
         """
         from omnisight.sfm._visibility_kernel import mark_visible
 
-        seen = np.empty(len(self.keypoint), bool)
+        seen = np.empty(len(self.bearings), bool)
         number = mark_visible(
             self.bearings, self.distances, pose.rotation, pose.translation, other.farthest, CELLS, seen
         )
-        return self.keypoint[seen], number
+        return np.flatnonzero(seen), number
 
 
 class PredictedMatches(NamedTuple):
@@ -141,7 +134,7 @@ def predicted_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Po
     in_a, of_a = a.visible_from(b, b_from_a)
     in_b, of_b = b.visible_from(a, b_from_a.inverse())
     found = np.isin(pairs[:, 0], in_a).sum() + np.isin(pairs[:, 1], in_b).sum()
-    keypoints = min(len(a.keypoint), len(b.keypoint))
+    keypoints = min(len(a.bearings), len(b.bearings))
     return PredictedMatches(0.5 * (of_a + of_b), 0.5 * float(found), len(pairs), keypoints)
 
 
@@ -160,27 +153,26 @@ def predicted_matches_of_edge(edge: Edge, keypoints: Sequence[Keypoints]) -> Pre
     return predicted_matches(a, b, Pose(edge.b_from_a.rotation), edge.pairs)
 
 
-def missing_matches(pairs: Sequence[tuple[int, int]], predictions: Sequence[PredictedMatches]) -> Array:
+def missing_matches(predictions: Sequence[PredictedMatches], repeatability: float) -> Array:
     """Return the number of matches (N,) that pairs of images lack for their relative poses; 0 if not significant."""
     predicted, found, _, keypoints = np.array(predictions, float).reshape(-1, 4).T
-    repeatability = _repeatability(pairs, predictions)
     expected = repeatability * predicted
     least = np.maximum(MIN_EXPECTED, MIN_VISIBLE_SHARE * repeatability * keypoints)
     return np.where((expected >= least) & (found < MIN_SHARE * expected), expected - found, 0.0)
 
 
-def supporting_matches(edges: Sequence[Edge], predictions: Sequence[PredictedMatches]) -> Array:
+def supporting_matches(edges: Sequence[Edge], predictions: Sequence[PredictedMatches], repeatability: float) -> Array:
     """Return the number of matches (E,) of each edge minus that of the missing ones.
 
     Facades that look alike have hundreds of matches, but half of those that one place has: in a rendered town, edges
     between different places have up to 0.54 of the expected matches, and those of images 2 m apart 0.86 or more.
     """
     predicted, found, _, _ = np.array(predictions, float).reshape(-1, 4).T
-    missing = np.maximum(_repeatability([edge.images for edge in edges], predictions) * predicted - found, 0.0)
+    missing = np.maximum(repeatability * predicted - found, 0.0)
     return np.maximum([len(edge.pairs) for edge in edges] - missing, MIN_SUPPORT)
 
 
-def _repeatability(pairs: Sequence[tuple[int, int]], predictions: Sequence[PredictedMatches]) -> float:
+def repeatability(pairs: Sequence[tuple[int, int]], predictions: Sequence[PredictedMatches]) -> float:
     """Return the share of the predicted keypoints that match: the median of some pairs, weighted by their matches.
 
     It is the pair of each image with most matches. These pairs are right where most others are wrong, such as 80 of 100
@@ -206,6 +198,10 @@ class Links(NamedTuple):
     a: Indices
     b: Indices
     matches: Array
+
+    def select(self, use: NDArray[np.bool_]) -> Self:
+        """Return the pairs of a mask (N,)."""
+        return type(self)(self.a[use], self.b[use], self.matches[use])
 
 
 def contradicted_links(count: int, links: Links, missing: Links) -> NDArray[np.bool_]:

@@ -10,7 +10,6 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.geometry.pose import Pose
 from omnisight.rig import Rig
-from omnisight.sfm.verification import verified_frames
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -103,6 +102,8 @@ class Reconstruction(Displayed):
     origin
         Latitude and longitude, degrees, and altitude, metres, of the origin of the world, whose axes are then east,
         north and up; None if the place is unknown.
+    unverified
+        Names of the images of frames that are not verified, see `verified_frames`; none of two frames.
     """
 
     rig: Rig
@@ -115,6 +116,7 @@ class Reconstruction(Displayed):
     observations: PointObservations
     has_scale: bool = False
     origin: tuple[float, float, float] | None = None
+    unverified: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Summarize the reconstruction in one line."""
@@ -178,14 +180,6 @@ class Reconstruction(Displayed):
                 by_pixel = camera.model.unproject_with_jacobians(self.observations.pixels[use])[2]
                 squares[use, 0] *= (by_pixel[:, :, 0] ** 2).sum(axis=1) * (period / (2 * np.pi)) ** 2
         return float(np.sqrt(squares.sum(axis=1).mean())) if len(squares) else float("nan")
-
-    @property
-    def unverified(self) -> tuple[str, ...]:
-        """Images of frames that are not verified, see `verified_frames`; none of two frames."""
-        if len(self.rig_from_world) < 3 or not len(self.points):
-            return ()
-        is_verified = verified_frames(self.observations.image, self.observations.point, self.frame)
-        return tuple(self.names[i] for i in np.flatnonzero(~is_verified[self.frame]))
 
     @property
     def rotation_sigma_deg(self) -> float:

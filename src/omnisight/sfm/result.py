@@ -51,6 +51,8 @@ def build_reconstruction(
     mean = np.column_stack([np.bincount(tracks.track, rgb[:, c], minlength=len(found.points)) for c in range(3)]) / seen
     inside = np.flatnonzero(found.row_of_image >= 0)
     image = np.searchsorted(inside, tracks.image)
+    of_two = len(found.frames) < 3 or not len(found.points)  # or of one place: there is nothing to verify
+    is_verified = np.ones(len(found.frames), bool) if of_two else found.is_verified
     return Reconstruction(
         rig,
         tuple(names[i] for i in inside.tolist()),
@@ -62,6 +64,7 @@ def build_reconstruction(
         PointObservations(image, tracks.track, pixels, _residuals(found, rig, pixels), tracks.keypoint),
         has_scale=found.has_scale,
         origin=origin if found.measured is not None else None,
+        unverified=tuple(names[i] for i in inside.tolist() if not is_verified[found.row_of_image[i]]),
     )
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +74,19 @@ class ViewGraph:
         All pairs that were matched.
     support
         Number of matches that support an edge, if it is not that of its matches.
+    repeatability
+        Share of the keypoints that match in images from one place.
     """
 
     edges: list[Edge]
     compared: list[tuple[int, int]]
     support: Mapping[Edge, float] = field(default_factory=dict)
+    repeatability: float = 1.0
+
+    @cached_property
+    def matches(self) -> dict[tuple[int, int], Indices]:
+        """Keypoints (N, 2) of the inliers of each pair of images with an edge."""
+        return {edge.images: edge.pairs for edge in self.edges}
 
     def support_of(self, edges: Sequence[Edge]) -> Array:
         """Return the number of matches (E,) that support each edge."""

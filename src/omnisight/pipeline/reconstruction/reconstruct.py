@@ -223,11 +223,9 @@ class _ReconstructionSteps:
             self.progress("mapping", done, images.frames)
 
         if self.options.engine in MAPPERS:
-            mapper, edges = (
-                MAPPERS[self.options.engine],
-                without_contradicted_edges(graph, PointDistances(detected.keypoints), images).edges,
-            )
-            return map_images_with_colmap(images, edges, watch, mapper, refines_sensors=refines_sensors)
+            graph = without_contradicted_edges(graph, PointDistances(detected.keypoints), images)
+            mapper = MAPPERS[self.options.engine]
+            return map_images_with_colmap(images, graph, watch, mapper, refines_sensors=refines_sensors)
         return map_images(detected.keypoints, images, graph, watch, refines_sensors=refines_sensors)
 
     def place(

@@ -15,7 +15,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.pipeline.inputs.central_camera import CameraSource, camera_of_image
 from omnisight.pipeline.inputs.photo import MIN_KEYPOINTS, ImageSource, Photo, read_source
 from omnisight.pipeline.two_views.two_view_options import EpipolarOptions
-from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edge
+from omnisight.sfm.missing_matches import missing_matches, predicted_matches_of_edge, repeatability
 from omnisight.sfm.view_graph import Edge
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.twoview.motion_model import MotionModel, largest_sigma_deg
@@ -209,7 +209,7 @@ def _lack_of_matches(keypoints: tuple[Keypoints, Keypoints], matches: Matches, p
     assert pose.b_from_a is not None
     edge = Edge(0, 1, pose.b_from_a, pose.covariance, pose.motion.name, matches.pairs[pose.inliers])
     prediction = predicted_matches_of_edge(edge, keypoints)
-    if not missing_matches([edge.images], [prediction])[0]:
+    if not missing_matches([prediction], repeatability([edge.images], [prediction]))[0]:
         return ""
     return (
         f"the pose lacks matches: from there, both images would show {prediction.predicted:.0f} keypoints, and "
