@@ -25,6 +25,9 @@ INITIAL_INLIER_SHARE = 0.1
 # best optimized model gains on no model. With 0.95, one of 150 planes in 60 degrees with 70 % outliers had a wrong
 # pose.
 PROMISING_GAIN = 0.8
+# Samples drawn at least: with little parallax, the cost of a relative pose has several minima, and noise can make the
+# optimum of one sample of a homography a bad one.
+MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
 # Observations of the rounds before the last one, per parameter of the model (Lebeda et al. limit them to 7 inliers).
@@ -32,7 +35,7 @@ LOCAL_OBSERVATIONS = 30
 
 
 @njit_driver
-def estimate(problem, threshold, confidence, iterations, seed):
+def estimate(problem, threshold, confidence, max_iterations, seed):
     """Estimate the model with the least truncated cost.
 
     Parameters
@@ -43,10 +46,8 @@ def estimate(problem, threshold, confidence, iterations, seed):
         Squared error above which an observation is an outlier.
     confidence
         Probability of drawing at least one sample of inliers.
-    iterations
-        Least and largest number of samples.
-    seed
-        Integer.
+    max_iterations, seed
+        Integers.
 
     Returns
     -------
@@ -59,7 +60,7 @@ def estimate(problem, threshold, confidence, iterations, seed):
     best, share = np.full((3, 4), np.nan), INITIAL_INLIER_SHARE
     best_score = best_of_samples = threshold * count
     tested, consistent = 1.0 / INITIAL_CHANCE, 1.0
-    state, (least, needed), iteration = np.uint64(seed), iterations, 0
+    state, needed, iteration = np.uint64(seed), max_iterations, 0
     while iteration < needed:
         iteration += 1
         state = _draw(state, count, sample)
@@ -77,7 +78,7 @@ def estimate(problem, threshold, confidence, iterations, seed):
                 continue
             best, best_score = model, score
             share = max(_inlier_share(problem, best, count, threshold), INITIAL_INLIER_SHARE)
-            needed = min(iterations[1], max(least, samples_needed(share, sample_size, confidence)))
+            needed = min(max_iterations, max(MIN_ITERATIONS, samples_needed(share, sample_size, confidence)))
     return best, best_score, iteration
 
 

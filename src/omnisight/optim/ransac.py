@@ -21,17 +21,14 @@ class RansacOptions(Options):
         Probability of drawing at least one sample without outliers, if the best model so far has all inliers. A wrong
         model has few and does not end the search: with 0.9 and 0.999999, relative poses of 200 pairs of each of eleven
         scenes with 0 to 80 % outliers were equally accurate.
-    min_iterations
-        Least number of samples: the cost of a relative pose with little parallax has several minima.
     max_iterations
-        Largest number of samples, also if it is below `min_iterations`. 20,000 samples of five contain one of inliers
-        only, with 99 % probability, if 19 % of the observations are inliers.
+        Largest number of samples. 20,000 samples of five contain one of inliers only, with 99 % probability, if 19 % of
+        the observations are inliers.
     seed
         Seed of the random numbers: the same input and seed give the same result.
     """
 
     confidence: float = 0.99
-    min_iterations: int = 50
     max_iterations: int = 20_000
     seed: int = 0
 
@@ -79,8 +76,8 @@ def ransac(problem: Any, threshold: float, options: RansacOptions) -> RansacResu
     """
     from omnisight.optim._ransac_kernel import estimate
 
-    bounds = options.min_iterations, options.max_iterations
-    model, score, iterations = estimate(problem, float(threshold), options.confidence, bounds, options.seed)
+    search = options.confidence, options.max_iterations, options.seed
+    model, score, iterations = estimate(problem, float(threshold), *search)
     return RansacResult(model, float(score), int(iterations))
 
 

@@ -32,7 +32,7 @@ MAX_TRANSLATION_GAIN = 16.27
 MAX_ITERATIONS = 500
 # A plane or a rotation has a lower criterion than the general motion only if about three quarters of the inliers agree
 # with it. At least one of 30 samples of four pairs then consists of such inliers, with a probability of 1 - 1e-5.
-COMPETING_ITERATIONS = {"min_iterations": 1, "max_iterations": 30}
+MAX_COMPETING_ITERATIONS = 30
 # A motion is planar if its translation is perpendicular to the axis of rotation within so many standard deviations, and
 # these are small enough to reveal another one.
 PLANAR_SIGMA, MAX_PLANAR_SIGMA_DEG = 2.0, 1.0
@@ -180,7 +180,7 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
     """Return the model of least truncated cost of observations in random order, and their squared residuals (N,)."""
     from omnisight.optim._robust_problem_kernel import squared_residuals
 
-    found = ransac(problem, THRESHOLDS[2], replace(options, **COMPETING_ITERATIONS))
+    found = ransac(problem, THRESHOLDS[2], replace(options, max_iterations=MAX_COMPETING_ITERATIONS))
     return found.model, squared_residuals(problem, found.model)
 
 
