@@ -10,15 +10,13 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from omnisight.geometry.pose import Pose
-from omnisight.parallel import parallel_map
 from omnisight.sfm.missing_matches import (
     KnownPoints,
     Links,
-    PredictedMatches,
     contradicted_links,
     known_points,
     missing_matches,
-    predicted_matches,
+    predicted_matches_of_poses,
 )
 from omnisight.sfm.position_averaging import MIN_DIRECTION_SIGMA, RelativePositions, average_positions
 from omnisight.sfm.rig_images import RigImages
@@ -127,12 +125,8 @@ class _Placement:
 
         poses = {image: pose(image) for image in np.flatnonzero(inside).tolist()}
 
-        def predict(pair: tuple[int, int]) -> PredictedMatches:
-            a, b = pair
-            b_from_a = poses[b] @ poses[a].inverse()
-            return predicted_matches(self.known[a], self.known[b], b_from_a, matches.get(pair, no_matches))
-
-        lacking = missing_matches(parallel_map(predict, pairs), graph.repeatability)
+        of_pairs = [matches.get(pair, no_matches) for pair in pairs]
+        lacking = missing_matches(predicted_matches_of_poses(pairs, of_pairs, self.known, poses), graph.repeatability)
         suspicious = np.flatnonzero(lacking)
         linked = row[np.array([edge.images for edge in edges], np.intp).reshape(-1, 2)]
         unlinked = row[np.array(pairs, np.intp).reshape(-1, 2)[suspicious]]

@@ -14,7 +14,7 @@ from omnisight.parallel import parallel_map
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.measurements import Measurements
-from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, predicted_matches
+from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, predicted_matches_of_poses
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks
@@ -23,8 +23,6 @@ from omnisight.sfm.view_graph import ViewGraph
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-NO_OBSERVATIONS = np.zeros(0, np.intp), np.zeros(0, np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,27 +135,22 @@ class Map:
         """Which frames (F,) are verified, see `verified_frames`."""
 
         def predict(pairs: Sequence[tuple[int, int]]) -> list[PredictedMatches]:
-            return self.predicted_matches([(pair, self.all_matches(*pair)) for pair in pairs])
+            return self.predicted_matches(pairs, [self.all_matches(*pair) for pair in pairs])
 
         image, point, share = self.tracks.image, self.tracks.track, self.graph.repeatability
         return verified_frames(image, point, self.row_of_image, predict, share)
 
     def all_matches(self, a: int, b: int) -> Indices:
         """Return the keypoints (N, 2) of two images that match, also far ones, or show a point by other images."""
-        (of_a, in_a), (of_b, in_b) = (self.observations.get(image, NO_OBSERVATIONS) for image in (a, b))
+        (of_a, in_a), (of_b, in_b) = self.observations[a], self.observations[b]
         _, first, second = np.intersect1d(of_a, of_b, return_indices=True)
         by_others = np.column_stack([in_a[first], in_b[second]])
         return np.unique(np.concatenate([self.graph.matches.get((a, b), by_others[:0]), by_others]), axis=0)
 
-    def predicted_matches(self, pairs: Sequence[tuple[tuple[int, int], Indices]]) -> list[PredictedMatches]:
-        """Return the matches that the poses of pairs of images predict, given their matches (N, 2)."""
-
-        def predict(pair: tuple[tuple[int, int], Indices]) -> PredictedMatches:
-            (a, b), matches = pair
-            b_from_a = self.cam_from_world(b) @ self.cam_from_world(a).inverse()
-            return predicted_matches(self.known_points.get(a), self.known_points.get(b), b_from_a, matches)
-
-        return parallel_map(predict, pairs)
+    def predicted_matches(self, pairs: Sequence[tuple[int, int]], matches: Sequence[Indices]) -> list[PredictedMatches]:
+        """Return the matches that the poses of pairs of images with points predict, given those (N, 2) of each."""
+        poses = {image: self.cam_from_world(image) for image in self.known_points}
+        return predicted_matches_of_poses(pairs, matches, self.known_points, poses)
 
     @cached_property
     def observations(self) -> dict[int, tuple[Indices, Indices]]:

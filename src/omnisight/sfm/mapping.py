@@ -206,7 +206,7 @@ def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
     row, known = found.row_of_image, found.known_points
     matches, no_matches = graph.matches, np.zeros((0, 2), np.intp)
     pairs = [(a, b) for a, b in graph.compared if a in known and b in known and row[a] != row[b]]
-    predictions = found.predicted_matches([(pair, matches.get(pair, no_matches)) for pair in pairs])
+    predictions = found.predicted_matches(pairs, [matches.get(pair, no_matches) for pair in pairs])
     lacking = missing_matches(predictions, graph.repeatability)
     agreeing = np.array([each.found for each in predictions])
     ends, contradicted = row[np.array(pairs, np.intp).reshape(-1, 2)], np.zeros(len(found.frames), bool)

@@ -5,7 +5,7 @@ matches do. But from the estimated place the other points of the image would be 
 Zach et al., What can missing correspondences tell us about 3D structure and motion?, CVPR 2008).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple, Self
@@ -125,6 +125,21 @@ def predicted_matches_of_edges(edges: Sequence[Edge], points: PointDistances) ->
         return predicted_matches(known[edge.a], known[edge.b], b_from_a, edge.pairs)
 
     return parallel_map(lambda pair: predict(*pair), list(zip(edges, np.exp(log_scales), strict=True)))
+
+
+def predicted_matches_of_poses(
+    pairs: Sequence[tuple[int, int]],
+    matches: Sequence[Indices],
+    known: Mapping[int, KnownPoints] | Sequence[KnownPoints | None],
+    cam_from_world: Mapping[int, Pose],
+) -> list[PredictedMatches]:
+    """Return the matches that the poses of pairs of images predict, given those (M, 2) that each pair has."""
+
+    def predict(k: int) -> PredictedMatches:
+        a, b = pairs[k]
+        return predicted_matches(known[a], known[b], cam_from_world[b] @ cam_from_world[a].inverse(), matches[k])
+
+    return parallel_map(predict, range(len(pairs)))
 
 
 def predicted_matches(a: KnownPoints | None, b: KnownPoints | None, b_from_a: Pose, pairs: Indices) -> PredictedMatches:
