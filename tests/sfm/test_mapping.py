@@ -4,11 +4,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+import omnisight as om
 from omnisight.features.keypoints import concatenate
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import exp
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.mapping import map_images
+from omnisight.sfm.result import build_reconstruction
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.tracks import build_tracks
 from omnisight.sfm.view_graph import Edge, match_pair, match_pairs, overlapping_pairs
@@ -176,6 +178,19 @@ def test_an_image_that_shows_one_object_of_the_place_and_nothing_else_of_it_is_n
     order = np.argsort(found.frames)
     assert found.frames[order].tolist() == list(range(7))
     assert found.is_verified[order].tolist() == [True] * 6 + [is_verified]
+
+
+TURNS = [Pose(exp(np.array([0.0, 0.3 * k, 0.0]))) for k in range(4)]
+
+
+@pytest.mark.parametrize(("poses", "distance"), [(circle_of_poses(2), 1.0), (TURNS, 1e6)], ids=["two", "one place"])
+def test_two_images_and_images_of_one_place_have_nothing_to_verify(poses, distance):
+    keypoints = observe(poses, distance * points_around(100), 0.1)
+    (found,) = mapped(keypoints)
+    assert len(found.points) == 0 or len(found.frames) == 2
+    names, colors = [f"{k}.jpg" for k in range(len(keypoints))], [np.zeros((len(k), 3), np.uint8) for k in keypoints]
+    rig = om.Rig((om.sphere(100),), (Pose(),), ("camera",))
+    assert build_reconstruction(found, rig, names, keypoints, colors).unverified == ()
 
 
 def test_covariances_are_relative_to_a_verified_image():

