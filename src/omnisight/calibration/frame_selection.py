@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.cache import cache_folder
+from omnisight.cache import cache_folder, remove_least_recent, touch
 from omnisight.calibration.frame_information import MAX_SELECTED, select_informative_views
 from omnisight.images import MAX_FRAMES, Clip, write_image
 from omnisight.progress import StageProgress, no_progress
@@ -24,6 +24,8 @@ SELECTION_VERSION = 2
 FRAMES_WITHOUT_BOARD = 3
 # Frames per second below which the motion between two frames is not that during the exposure of one.
 MIN_RATE_OF_MOTION = 10.0
+# Clips whose frames are kept, and time without use, s, before which none are removed: a command can need them.
+MAX_CLIPS, MIN_UNUSED_S = 32, 24 * 3600.0
 # Characters of the clip's name in the names of frames.
 MAX_STEM_LENGTH = 60
 
@@ -159,13 +161,16 @@ def _digest(clip: Clip) -> str:
 def _written(clip: Clip, digest: str, indices: tuple[int, ...]) -> tuple[Path, ...]:
     """Return image files of the frames, written if they do not exist yet."""
     stem = clip.path.stem[:MAX_STEM_LENGTH]
-    folder = cache_folder() / "frames" / f"{digest[:16]}{'-upright' * clip.upright}"
+    clips = cache_folder() / "frames"
+    folder = clips / f"{digest[:16]}{'-upright' * clip.upright}"
     paths = {index: folder / f"{stem}-{index:06d}.png" for index in indices}
     missing = {index for index, path in paths.items() if not path.is_file()}
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
         for frame in clip.frames(missing):
             write_image(paths[frame.index], frame.gray)
+        remove_least_recent(clips.iterdir(), MAX_CLIPS, MIN_UNUSED_S)
+    touch(folder)
     return tuple(paths.values())
 
 
