@@ -1,7 +1,8 @@
 """Views of many images: the cost of workers beside a plain loop and FFmpeg's v360, and of interruptions.
 
 The times of a method are measured over all images and over a tenth of them: the difference is the cost of an image
-without the start of the processes. `--interrupt` also kills workers and clients, and compares all bytes.
+without the start of the processes. The methods alternate, and the costs are medians over `--runs`. `--interrupt` also
+kills workers and clients, and compares all bytes.
 """
 
 import argparse
@@ -13,14 +14,15 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
 import omnisight as om
 from benchmarks.batch_interruptions import digests, interrupt_local_cluster, interrupt_scheduler
-from omnisight.models import model_class
+from omnisight.models.equidistant import Equidistant
 
 ONE_THREAD = {"OMNISIGHT_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1"}
 # Number of different images; the others are copies of them.
@@ -32,8 +34,7 @@ PLAIN, ONE, ONE_DASK = "plain loop, one thread", "`--workers 1`", "`--cluster lo
 Method = Callable[[Path, Path], list[str]]
 
 
-@dataclass(frozen=True)
-class Cost:
+class Cost(NamedTuple):
     """Cost of the views of many images.
 
     Attributes
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--size", type=int, default=640, help="width of the square fisheye images, px")
     parser.add_argument("--view", type=int, help="width of the views, px; by default that of the images")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--runs", type=int, default=3, help="measurements of each method")
     parser.add_argument("--interrupt", action="store_true", help="kill workers twice and the client once")
     parser.add_argument("--folder", type=Path, help="where the images and views are written for the time of the run")
     options = parser.parse_args(arguments)
@@ -73,13 +75,14 @@ def measure(folder: Path, options: argparse.Namespace) -> None:
     view = ["--camera", str(camera), "--size", f"{width}x{width * 3 // 4}", "--interpolation", "bilinear", "--quiet"]
     print(f"| {options.images} images of {options.size} px, views of {width} px | images/s | warm | CPU ms | start s |")
     print("|---|---|---|---|---|")
-    costs = dict[str, Cost]()
-    for name, method in methods(view, width, str(options.workers)).items():
-        cost = costs[name] = cost_of(method, folder, name, options.images)
-        print(
-            f"| {name} | {cost.rate:.0f} | {1e3 / cost.wall_ms:.0f} | {cost.cpu_ms:.2f} | {cost.start_s:.1f} |",
-            flush=True,
-        )
+    compared = methods(view, width, str(options.workers))
+    runs = [
+        {name: cost_of(method, folder, name, options.images) for name, method in compared.items()}
+        for _ in range(options.runs)
+    ]
+    costs = {name: Cost(*map(median, zip(*(run[name] for run in runs), strict=True))) for name in compared}
+    for name, cost in costs.items():
+        print(f"| {name} | {cost.rate:.0f} | {1e3 / cost.wall_ms:.0f} | {cost.cpu_ms:.2f} | {cost.start_s:.1f} |")
     for name in (ONE, ONE_DASK):
         wall, cpu = (getattr(costs[name], time) / getattr(costs[PLAIN], time) - 1 for time in ("wall_ms", "cpu_ms"))
         print(f"overhead of {name} for an image: {wall:+.1%} of the time, {cpu:+.1%} of the CPU time")
@@ -136,7 +139,7 @@ def omnisight(source: Path, output: Path) -> list[str]:
 def make_images(folder: Path, count: int, size: int) -> Path:
     """Write copies of a few noisy fisheye images to all/, as JPEG, and the first tenth to tenth/; return the camera."""
     focal = size / np.radians(FIELD_OF_VIEW_DEG)
-    camera = om.Camera(model_class("equidistant")(focal, focal, (size - 1) / 2, (size - 1) / 2), (size, size))
+    camera = om.Camera(Equidistant(focal, focal, (size - 1) / 2, (size - 1) / 2), (size, size))
     rng, smooth = np.random.default_rng(0), om.sphere(256)
     for name in ("all", "tenth"):
         (folder / name).mkdir()
@@ -154,6 +157,7 @@ def make_images(folder: Path, count: int, size: int) -> Path:
 
 def cost_of(method: Method, folder: Path, name: str, count: int) -> Cost:
     """Return the cost of a method; its views of all images remain in the folder of its name."""
+    shutil.rmtree(folder / name, ignore_errors=True)
     few = timed(method, folder / "tenth", folder / "few")
     shutil.rmtree(folder / "few")
     many = timed(method, folder / "all", folder / name)
