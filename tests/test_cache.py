@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
-from clips import write_clip
 
+from clips import write_clip
 from omnisight import cache
 from omnisight.calibration import frame_selection
 from omnisight.targets import cache as detections

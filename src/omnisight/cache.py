@@ -12,8 +12,8 @@ from pathlib import Path
 COMPILED = ("loops-*", "compiled-*")
 # A version of omnisight has 11 folders of compiled code: those of about six versions are kept.
 MAX_COMPILED_FOLDERS = 64
-# The last use of a file or folder is its modification time; it is recorded anew after this time, because most commands last
-# seconds.
+# The last use of a file or folder is its modification time; it is recorded anew after this time, because most commands
+# last seconds.
 USE_INTERVAL_S = 3600.0
 # Prefix of a file or folder that is being removed: a rename takes it away from all processes at once.
 REMOVED = "removed-"
