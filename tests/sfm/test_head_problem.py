@@ -13,7 +13,7 @@ from omnisight.models.kannala_brandt import KannalaBrandt
 from omnisight.pipeline.stitching.stitch_inputs import _common_circle
 from omnisight.sfm.head_calibration import _solve
 from omnisight.sfm.head_matches import OverlapMatches
-from omnisight.sfm.head_problem import HeadProblem
+from omnisight.sfm.head_problem import HeadMotion, HeadProblem
 
 SIZE, CENTRE = 1300, 649.5
 BACK_FROM_FRONT = so3.exp([0.0, np.pi, 0.0])
@@ -62,3 +62,45 @@ def test_the_uncertainty_of_lenses_of_a_head_at_rest_contains_the_effect_of_para
     found = _solve(HeadProblem((guess, guess), (4.0, 4.0), BACK_FROM_FRONT, overlap, [], 0.01, 3e-3), 1)
     error = np.log(found.cameras[0].model.fx / true.model.fx)
     assert 0.0 < abs(error) < 3 * np.sqrt(found.covariance[0, 0])
+
+
+def moving_head(seed, apart):
+    """Return the error of the focal length of a head that moves among near points, in standard deviations."""
+    rng, frames = np.random.default_rng(seed), 4
+    true = Camera(KannalaBrandt(414.0, 414.0, CENTRE, CENTRE, -0.035, 0.0, 0.0, 0.0), (SIZE, SIZE))
+    to_lens = (np.eye(3), np.zeros(3)), (BACK_FROM_FRONT, BACK_FROM_FRONT @ [0, 0, apart])
+    directions = rng.normal(size=(3000, 3))
+    world = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(1.0, 3.0, (3000, 1))
+    poses = [(so3.exp(rng.normal(0, 0.2, 3)), rng.normal(0, 0.3, 3)) for _ in range(frames)]
+
+    def seen(pose, lens, points):
+        """Return pixels of points in a lens, with noise, and which of them it sees."""
+        turn, offset = to_lens[lens]
+        local = (points @ pose[0].T + pose[1]) @ turn.T + offset
+        angle = np.arctan2(np.hypot(local[:, 0], local[:, 1]), local[:, 2])
+        return true.project(local)[0] + rng.normal(0, 0.3, (len(points), 2)), angle < np.radians(98)
+
+    pairs, motions = [], []
+    for k, pose in enumerate(poses):
+        (a, in_a), (b, in_b) = (seen(pose, lens, world[:600]) for lens in (0, 1))
+        pairs.append((a[in_a & in_b], b[in_a & in_b], np.full((in_a & in_b).sum(), k)))
+        if k:
+            turn = pose[0] @ poses[k - 1][0].T
+            move, matches = pose[1] - turn @ poses[k - 1][1], []
+            for lens in (0, 1):
+                (before, first), (after, second) = (seen(poses[i], lens, world[600:1200]) for i in (k - 1, k))
+                matches.append((before[first & second], after[first & second]))
+            length = np.linalg.norm(move)
+            motions.append(HeadMotion(turn, move / length, 2.0 / length, matches))
+    first, other, frame = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    guess = Camera(KannalaBrandt(420.0, 420.0, CENTRE, CENTRE, -0.02, 0.0, 0.0, 0.0), (SIZE, SIZE))
+    overlap = OverlapMatches(first, other, frame.astype(np.intp))
+    problem = HeadProblem((guess, guess), (4.0, 4.0), BACK_FROM_FRONT, overlap, motions, 0.01, 3e-3)
+    found = _solve(problem, frames)
+    return np.log(found.cameras[0].model.fx / true.model.fx) / np.sqrt(found.covariance[0, 0])
+
+
+def test_the_uncertainty_of_lenses_of_a_moving_head_contains_that_they_are_apart():
+    errors = [moving_head(seed, 0.04) for seed in range(4)]
+    assert np.sqrt(np.mean(np.square(errors))) < 1.5
+    assert np.abs(errors).max() < 3

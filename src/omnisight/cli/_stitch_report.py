@@ -10,6 +10,7 @@ from omnisight.cli._output import warn, write_json
 from omnisight.display import rounded
 from omnisight.geometry.rotation import quaternions
 from omnisight.pipeline.stitching.stitch import StitchResult
+from omnisight.sfm.head_problem import ROTATION
 from omnisight.sfm.head_result import HeadCalibration
 
 
@@ -100,7 +101,7 @@ def _focal_length(head: HeadCalibration, lens: int) -> str:
 def _lens_sigmas(head: HeadCalibration) -> list[dict[str, float | None]]:
     """Return the standard deviations of the focal length (px), k1 and k2 of both lenses, if they were estimated."""
     sigmas = np.sqrt(np.diagonal(head.covariance))
-    if not sigmas[:-3].any():
+    if not sigmas[: ROTATION.start].any():
         return []
     found = list[dict[str, float | None]]()
     for k, camera in enumerate(head.cameras):

@@ -25,6 +25,8 @@ from omnisight.sfm.head_problem import (
     K2_SIGMA,
     LENS_PARAMETERS,
     OVERLAP_PARAMETERS,
+    ROTATION,
+    TRANSLATION,
     HeadMotion,
     HeadProblem,
     LensField,
@@ -95,7 +97,7 @@ def calibrate_head(
             f"only {int(inliers.sum())} of {len(overlap)} matches at the rims agree with a rotation, at least"
             f" {MIN_OVERLAP_MATCHES} are needed"
         )
-        return HeadCalibration(cameras, rotation, UNKNOWN, int(inliers.sum()), np.nan, (), reason)
+        return HeadCalibration(cameras, rotation, np.zeros(3), UNKNOWN, int(inliers.sum()), np.nan, (), reason)
     overlap = overlap.select(inliers)
     motions = _motions(keypoints, cameras, rotation)
     sigmas = (fields[0].center_sigma, fields[1].center_sigma)
@@ -112,7 +114,13 @@ def _solve(problem: HeadProblem, frames: int) -> HeadCalibration:
     agreement = _single_frames(problem, x, covariance) if frames > 1 else ()
     sigma_deg = float(np.degrees(problem.sigma))
     return HeadCalibration(
-        problem.cameras(x), problem.rotation_at(x), covariance, len(problem.overlap), sigma_deg, agreement
+        problem.cameras(x),
+        problem.rotation_at(x),
+        x[TRANSLATION],
+        covariance,
+        len(problem.overlap),
+        sigma_deg,
+        agreement,
     )
 
 
@@ -175,7 +183,7 @@ def _covariance(problem: HeadProblem, x: Array) -> Array:
 
 def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[FrameAgreement, ...]:
     """Estimate rotation and focal lengths from the overlap of each frame alone."""
-    joint, rotation = problem.rotation_at(x), slice(2 * LENS_PARAMETERS, None)
+    joint = problem.rotation_at(x)
     rim = _rim_sum(problem, problem.cameras(x))
     found: list[FrameAgreement] = []
     for frame in np.unique(problem.overlap.frame):
@@ -186,7 +194,7 @@ def _single_frames(problem: HeadProblem, x: Array, covariance: Array) -> tuple[F
         y = _minimize(alone, x[:OVERLAP_PARAMETERS])
         own = _covariance(alone, y)
         angle = np.degrees(np.linalg.norm(so3.log(alone.rotation_at(y) @ joint.T)))
-        rotation_sigma = np.degrees(np.sqrt(np.trace((own + covariance)[rotation, rotation])))
+        rotation_sigma = np.degrees(np.sqrt(np.trace((own + covariance)[ROTATION, ROTATION])))
         gradient = _rim_gradient(alone, y)
         rim_sigma = np.degrees(np.sqrt(gradient @ own @ gradient + gradient @ covariance @ gradient))
         difference = np.degrees(_rim_sum(alone, alone.cameras(y)) - rim)
@@ -240,7 +248,12 @@ def _motions(
             (a[rows][:MAX_FRAME_MATCHES], b[rows][:MAX_FRAME_MATCHES])
             for (a, b), rows in zip(lenses, split, strict=True)
         ]
-        motions.append(HeadMotion(pose.b_from_a.rotation, pose.b_from_a.translation, kept))
+        motion = pose.b_from_a
+        turned, seen = before[pose.inliers] @ motion.rotation.T, after[pose.inliers]
+        # The law of sines in the triangle of both positions and a point.
+        sines = (np.linalg.norm(np.cross(x, seen), axis=1) for x in (motion.translation, turned))
+        distance = float(np.median(np.divide(*sines)))
+        motions.append(HeadMotion(motion.rotation, motion.translation, distance, kept))
     return motions
 
 
@@ -291,13 +304,13 @@ def fit_head_rotation(cameras: tuple[Camera, Camera], overlap: OverlapMatches) -
         reason = (
             f"only {count} of {len(overlap)} matches agree with a rotation, at least {MIN_OVERLAP_MATCHES} are needed"
         )
-        return HeadCalibration(cameras, rotation, UNKNOWN, count, np.nan, (), reason)
+        return HeadCalibration(cameras, rotation, np.zeros(3), UNKNOWN, count, np.nan, (), reason)
     overlap = overlap.select(inliers)
     a, b = lens_bearings(cameras[0], overlap.first), lens_bearings(cameras[1], overlap.other)
     rotation, sigma, weight = _reweighted_rotation(a, b, rotation)
-    covariance, at = np.zeros((OVERLAP_PARAMETERS,) * 2), slice(2 * LENS_PARAMETERS, None)
-    covariance[at, at] = _rotation_covariance(a @ rotation.T, b, weight, sigma) * overlap.correlation
-    return HeadCalibration(cameras, rotation, covariance, count, float(np.degrees(sigma)))
+    covariance = np.zeros((OVERLAP_PARAMETERS, OVERLAP_PARAMETERS))
+    covariance[ROTATION, ROTATION] = _rotation_covariance(a @ rotation.T, b, weight, sigma) * overlap.correlation
+    return HeadCalibration(cameras, rotation, np.zeros(3), covariance, count, float(np.degrees(sigma)))
 
 
 def _reweighted_rotation(a: Array, b: Array, rotation: Array) -> tuple[Array, float, Array]:

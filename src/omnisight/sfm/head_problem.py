@@ -1,4 +1,8 @@
-"""The least-squares problem of a head of two lenses: overlap, motions between frames, and priors."""
+"""The least-squares problem of a head of two lenses: overlap, motions between frames, and priors.
+
+The lenses are apart. In units of the median distance of the scene, which is assumed for all matches, a point in the
+direction a of the first lens has the direction R a + t of the second one.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -24,10 +28,15 @@ SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius: 0.003 of
 # five calibrated fisheyes, 0.008 of a head; and about the centre of the image: 0.018 of the five.
 CENTER_SIGMA, IMAGE_CENTER_SIGMA = 0.006, 0.018
+# Standard deviation of each coordinate of the vector between the lenses, in units of the distance of the scene: 4 cm at
+# 2 m.
+PARALLAX_SIGMA = 0.02
 # Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
 LENS_PARAMETERS = 5
-# Parameters that the overlap determines: both lenses, and a rotation vector.
-OVERLAP_PARAMETERS = 2 * LENS_PARAMETERS + 3
+# Parameters that the overlap determines: both lenses, a rotation vector, and the vector between the lenses.
+ROTATION = slice(2 * LENS_PARAMETERS, 2 * LENS_PARAMETERS + 3)
+TRANSLATION = slice(ROTATION.stop, ROTATION.stop + 3)
+OVERLAP_PARAMETERS = TRANSLATION.stop
 # Parameters of a motion: a rotation vector, and a step of the direction in its tangent plane.
 MOTION_PARAMETERS = 5
 # Scale of the Cauchy loss, in standard deviations: its efficiency with normal errors is above 0.95.
@@ -43,12 +52,15 @@ class HeadMotion(NamedTuple):
     ----------
     rotation, direction
         Rotation (3, 3), and unit vector (3,) of the translation.
+    distance
+        Median distance of the scene, in units of the length of the translation.
     matches
         Pixels (N, 2) before and after, for each lens.
     """
 
     rotation: Array
     direction: Array
+    distance: float
     matches: list[tuple[Array, Array]]
 
 
@@ -85,7 +97,7 @@ class LensField:
 class HeadProblem:
     """Least squares over both lenses, the rotation, and the motions between frames.
 
-    The parameters x are steps from the start: both lenses, the rotation, and each motion.
+    The parameters x are steps from the start: both lenses, the rotation, the vector between the lenses, each motion.
 
     Attributes
     ----------
@@ -123,7 +135,7 @@ class HeadProblem:
 
     def rotation_at(self, x: Array) -> Array:
         """Return the rotation (3, 3) from the first lens to the second at x."""
-        return so3.exp(x[2 * LENS_PARAMETERS : OVERLAP_PARAMETERS]) @ self.rotation
+        return so3.exp(x[ROTATION]) @ self.rotation
 
     def residuals(self, x: Array) -> Array:
         """Return all residuals in standard deviations: overlap (2 N,), motions, priors."""
@@ -140,7 +152,9 @@ class HeadProblem:
         """Return the differences (N, 3) of the bearings of the overlap after the rotation."""
         cameras, rotation = self.cameras(x), self.rotation_at(x)
         a, b = lens_bearings(cameras[0], self.overlap.first), lens_bearings(cameras[1], self.overlap.other)
-        return np.where(_both_seen(a, b)[:, None], a @ rotation.T - b, np.inf)
+        seen = a @ rotation.T + x[TRANSLATION]
+        seen /= np.maximum(np.linalg.norm(seen, axis=1, keepdims=True), 0.5)  # bearings outside the domain are 0
+        return np.where(_both_seen(a, b)[:, None], seen - b, np.inf)
 
     def correlations(self) -> Array:
         """Return the factor of the error of each residual over that of an independent one.
@@ -154,15 +168,21 @@ class HeadProblem:
         return np.concatenate([np.ones(3 * len(self.overlap)), *of_motions, np.ones(priors)])
 
     def epipolar_residuals(self, x: Array) -> list[Array]:
-        """Return the angles between bearings and epipolar planes of each motion, in standard deviations."""
+        """Return the angles between bearings and epipolar planes of each motion, in standard deviations.
+
+        A lens with centre c in the frame of the first lens moves by t + (R - I) c.
+        """
         cameras, rotations = self.cameras(x), (np.eye(3), self.rotation_at(x))
+        centres = np.zeros(3), -x[TRANSLATION] @ rotations[1]
         residuals: list[Array] = []
         for motion, step in zip(self.motions, x[OVERLAP_PARAMETERS:].reshape(-1, MOTION_PARAMETERS), strict=True):
             turn, direction = so3.exp(step[:3]) @ motion.rotation, moved_direction(motion.direction, step[3:])
             angles: list[Array] = []
-            for camera, (before, after), rotation in zip(cameras, motion.matches, rotations, strict=True):
+            lenses = zip(cameras, motion.matches, rotations, centres, strict=True)
+            for camera, (before, after), rotation, centre in lenses:
                 a, b = lens_bearings(camera, before) @ rotation, lens_bearings(camera, after) @ rotation
-                normals = np.cross(direction, a @ turn.T)
+                moved = direction + motion.distance * (turn @ centre - centre)
+                normals = np.cross(moved / np.linalg.norm(moved), a @ turn.T)
                 length = np.maximum(np.linalg.norm(normals, axis=1), MIN_SINE)
                 angle = (normals * b).sum(1) / length / self.motion_sigma
                 angles.append(np.where(_both_seen(a, b), angle, np.inf))
@@ -171,7 +191,7 @@ class HeadProblem:
 
     def _priors(self, x: Array) -> Array:
         """Return the residuals of the priors of both lenses, in standard deviations."""
-        parts: list[float] = []
+        parts = [*x[TRANSLATION] / PARALLAX_SIGMA]
         for lens, sigma in enumerate(self.center_sigma):
             log_f, k1, k2, cx, cy = x[LENS_PARAMETERS * lens :][:LENS_PARAMETERS]
             model: Any = self.start[lens].model

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.display import Displayed
+from omnisight.sfm.head_problem import ROTATION
 
 Array = NDArray[np.float64]
 
@@ -42,8 +43,12 @@ class HeadCalibration(Displayed):
         Both lenses.
     rotation
         (3, 3) bearings of the first to the second.
+    translation
+        (3,) vector from the second lens to the first in the frame of the second, in units of the median distance of the
+        scene; zero if it was not estimated.
     covariance
-        (13, 13) of logarithm of the focal length, k1, k2, cx, cy of both lenses, and the rotation vector.
+        (16, 16) of logarithm of the focal length, k1, k2, cx, cy of both lenses, the rotation vector and the
+        translation.
     matches
         Number of matches in the overlap that agree.
     sigma_deg
@@ -56,6 +61,7 @@ class HeadCalibration(Displayed):
 
     cameras: tuple[Camera, Camera]
     rotation: Array
+    translation: Array
     covariance: Array
     matches: int
     sigma_deg: float
@@ -68,4 +74,4 @@ class HeadCalibration(Displayed):
     @property
     def rotation_sigma_deg(self) -> float:
         """Standard deviation of the rotation about its most uncertain axis."""
-        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(self.covariance[-3:, -3:])[-1])))
+        return float(np.degrees(np.sqrt(np.linalg.eigvalsh(self.covariance[ROTATION, ROTATION])[-1])))

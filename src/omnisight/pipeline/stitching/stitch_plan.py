@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import look
 from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.pipeline.stitching.stitch_rig import HeadRig, head_rig
 from omnisight.rig import Rig
+from omnisight.sfm.head_result import HeadCalibration
 from omnisight.targets.length import parse_length
 from omnisight.views.maps import STRIP_ROWS
 from omnisight.views.stitching.image_stitcher import ImageStitcher
@@ -45,7 +47,7 @@ class StitchPlan:
     sphere_from_rig
         (3, 3) rotation of the spheres.
     distance
-        Radius of the sphere on which the scene is assumed; infinite without parallax.
+        Radius of the sphere on which the scene is assumed; infinite without parallax, or if lengths are not known.
     vertical
         Estimate of the vertical; None without.
     is_level
@@ -78,7 +80,7 @@ def plan_frames(
     """Estimate what is common to all frames; see `omnisight.stitch`."""
     head = head_rig(frames, rig, cameras, options)
     first = next(iter(frames))
-    samplers, distance = _placed(head.samplers(), first, options.at, head.rig.unit)
+    samplers, distance = _placed(head, first, options.at)
     vertical = _vertical(samplers, first, options)
     sphere_from_rig = _orientation(vertical, options)
     camera = sphere(options.width or head.native_width())
@@ -87,8 +89,11 @@ def plan_frames(
     return StitchPlan(first, head, camera, sphere_from_rig, distance, vertical, is_level, seam_plan)
 
 
-def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str, unit: str) -> tuple[list[Sampler], float]:
+def _placed(head: HeadRig, images: Sequence[Bytes], at: str) -> tuple[list[Sampler], float]:
     """Return the samplers for the specified or estimated distance, and that distance in the unit of the rig."""
+    samplers, unit = head.samplers(), head.rig.unit
+    if head.calibration is not None:
+        return _apart(samplers, head.calibration, at), float("inf")
     if at not in ("auto", "inf"):
         if unit != "m":
             raise ValueError(f"--at {at}: the lengths of the rig are in {unit}, not in metres: use --at auto or inf")
@@ -101,6 +106,16 @@ def _placed(samplers: list[Sampler], images: Sequence[Bytes], at: str, unit: str
     placed = [[dataclasses.replace(s, distance=1 / i if i else np.inf) for s in samplers] for i in inverse]
     best = _least_disparity(np.array([_seam_disparities(trial, images) for trial in placed]))
     return placed[best], float(1 / inverse[best]) if best else float("inf")
+
+
+def _apart(samplers: list[Sampler], head: HeadCalibration, at: str) -> list[Sampler]:
+    """Return the samplers of lenses that are apart, around their centre, for the median distance of the scene."""
+    if at == "inf":
+        return samplers
+    if at != "auto":
+        raise ValueError(f"--at {at}: the distance of the lenses is not known in metres: specify a rig (--rig)")
+    poses = Pose(np.eye(3), -head.translation @ head.rotation / 2), Pose(head.rotation, head.translation / 2)
+    return [dataclasses.replace(s, sensor_from_rig=p, distance=1.0) for s, p in zip(samplers, poses, strict=True)]
 
 
 def _seam_disparities(samplers: list[Sampler], images: Sequence[Bytes]) -> Array:
