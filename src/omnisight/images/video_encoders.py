@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.images.planes import FORMATS
+from omnisight.images.video import Clip
 from omnisight.video_options import CODECS_10_BIT, Codec, Preset, VideoOptions
 
 SOFTWARE: dict[Codec, str] = {
@@ -108,9 +109,9 @@ def pixel_format(codec: Codec, depth: int) -> str:
     return "yuv422p10le" if codec == "prores" else FORMATS[depth]
 
 
-def encoded_depth(codec: Codec, bits: int) -> int:
-    """Return the bits of a channel, 8 or 10, in which a clip of some bits is written."""
-    return 10 if codec == "prores" or (bits > 8 and codec in CODECS_10_BIT) else 8
+def encoded_depth(codec: Codec, clip: Clip | None) -> int:
+    """Return the bits of a channel, 8 or 10, in which a clip, or images of 8 bits, are written."""
+    return 10 if codec == "prores" or (codec in CODECS_10_BIT and clip is not None and clip.bits > 8) else 8
 
 
 def silence_encoders() -> None:

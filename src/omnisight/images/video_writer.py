@@ -88,7 +88,7 @@ class VideoWriter:
         self._rate = Fraction(like.frame_rate if isinstance(like, Clip) else like).limit_denominator(1001)
         self._time_base = like.time_base if isinstance(like, Clip) else 1 / self._rate
         self._is_sphere = is_sphere
-        self.depth = encoded_depth(self._codec, self._clip.bits if self._clip else 8)
+        self.depth = encoded_depth(self._codec, self._clip)
         self.frames = 0
         self._opened = ExitStack()
         self._container: Any = None

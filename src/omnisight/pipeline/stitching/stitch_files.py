@@ -99,7 +99,7 @@ def stitch_clip(job: StitchJob, progress: Progress) -> StitchedFrames:
     """
     stitcher, first, count = FrameStitcher(job.plan, job.bearings), None, 0
     clip, cameras = job.frames.clips[0], len(job.plan.samplers)
-    depth = 8 if job.target is None else encoded_depth(job.video.codec_of(job.target), clip.bits)
+    depth = 8 if job.target is None else encoded_depth(job.video.codec_of(job.target), clip)
     with ExitStack() as stack:
         writer = None
         if job.target is not None:
