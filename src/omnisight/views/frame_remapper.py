@@ -164,12 +164,12 @@ def _plane_map(
     u: Floats, v: Floats, size: tuple[int, int], level: Floats | None, interpolation: Interpolation
 ) -> PackedMap | PyramidMap | KernelMap:
     """Return the map of a plane of a size."""
-    import cv2
-
     if level is not None:
         return pyramid_map(u, v, size, level)
     if interpolation in ("nearest", "bilinear"):
         return packed_map(u, v, size, is_nearest=interpolation == "nearest")
+    import cv2
+
     with np.errstate(invalid="ignore"):
         mask = (u >= -0.5) & (u < size[0] - 0.5) & (v >= -0.5) & (v < size[1] - 0.5)
     maps = cv2.convertMaps(np.where(mask, u, 0), np.where(mask, v, 0), cv2.CV_16SC2)
@@ -188,13 +188,13 @@ def pyramid_level(source: Camera, u: Floats, v: Floats, mask: NDArray[np.bool_])
 
     Pixels u, v (H, W) outside the mask (H, W) have no effect.
     """
-    import cv2
-
     scale = map_scale(source, u, v, SCALE_STEP_PX)
     scale = np.where(mask[::SCALE_STEP_PX, ::SCALE_STEP_PX] & np.isfinite(scale), np.maximum(scale, 1), 1)
     level = np.log2(scale).astype(np.float32)
     if level.max() < MIN_PREFILTER_LEVEL:
         return None
+    import cv2
+
     return np.asarray(cv2.resize(np.minimum(level, MAX_LEVELS - 1), u.shape[::-1]), np.float32)
 
 
