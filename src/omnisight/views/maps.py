@@ -1,5 +1,7 @@
 """Remap tables from a view to its source image, their scale and coverage."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,8 @@ Array = NDArray[np.float64]
 
 # Rows whose bearings are computed at once: those of all pixels need ten times the memory of the image.
 STRIP_ROWS = 32
+# Samples along the shorter side, from which measures of a view or of an image are computed.
+SAMPLES = 200
 
 
 def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple[Floats, Floats]:
@@ -59,6 +63,19 @@ def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array
     return mask
 
 
+def extrapolated_fraction(source: Camera, target: Camera, rotations: Sequence[Array]) -> float:
+    """Return the share of covered pixels outside the calibrated field of view, in views target_from_source (3, 3)."""
+    reduced = reduced_view(target)
+    covered = [coverage_mask(source, *view_map(source, reduced, rotation)) for rotation in rotations]
+    outside = [extrapolation_mask(source, reduced, rotation) for rotation in rotations]
+    return float(np.logical_and(covered, outside).sum() / max(np.sum(covered), 1))
+
+
+def reduced_view(target: Camera) -> Camera:
+    """Return a view reduced to the pixels that measures of the view need."""
+    return target.scaled(min(1.0, SAMPLES / min(target.size)))
+
+
 def resolution(camera: Camera, bearings: Array) -> Array:
     """Return the pixels per radian (N,) at bearings (N, 3), in the direction with the fewest."""
     _, _, d_point, _ = camera.model.project_with_jacobians(bearings)
@@ -94,9 +111,9 @@ def _stride(u: Floats, v: Floats, period: float | None, level: Floats | None, st
     return np.hypot(du, dv)
 
 
-def visible_fraction(source: Camera, target: Camera, target_from_source: Array, count: int = 200) -> float:
-    """Return the fraction of the source's valid pixels that the view shows, from count x count samples."""
-    u, v = np.meshgrid(np.linspace(0, source.width - 1, count), np.linspace(0, source.height - 1, count))
+def visible_fraction(source: Camera, target: Camera, target_from_source: Array) -> float:
+    """Return the fraction of the source's valid pixels that the view shows."""
+    u, v = np.meshgrid(np.linspace(0, source.width - 1, SAMPLES), np.linspace(0, source.height - 1, SAMPLES))
     bearings, valid = source.unproject(np.stack([u, v], -1))
     pixels, shown = target.project(bearings[valid] @ np.asarray(target_from_source).T)
     if not valid.any():

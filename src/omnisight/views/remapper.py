@@ -10,7 +10,7 @@ from omnisight.array_kinds import like, to_numpy
 from omnisight.camera import Camera
 from omnisight.rig import Rig
 from omnisight.views.image_size import size_mismatch
-from omnisight.views.maps import coverage_mask, is_periodic, map_scale, view_map
+from omnisight.views.maps import coverage_mask, is_periodic, map_scale, reduced_view, view_map
 from omnisight.views.rig_view import remap_rig
 from omnisight.views.view_cameras import MAX_SIDE_PX
 
@@ -262,12 +262,10 @@ class Remapper:
 
 def magnification(source: Camera, target: Camera, target_from_source: NDArray[np.float64]) -> tuple[float, float]:
     """Return the width of a source pixel in the view, px: in the centre and at the edge of the covered area."""
-    u, v = view_map(source, target, target_from_source)
-    step = max(1, min(u.shape) // 200)
-    scale = map_scale(source, u, v, step)
-    u, v = u[::step, ::step], v[::step, ::step]
-    with np.errstate(invalid="ignore"):
-        covered = (u >= -0.5) & (u < source.width - 0.5) & (v >= -0.5) & (v < source.height - 0.5)
+    reduced = reduced_view(target)
+    u, v = view_map(source, reduced, target_from_source)
+    scale = map_scale(source, u, v) * (reduced.width / target.width)
+    covered = coverage_mask(source, u, v)
     rows, columns = np.nonzero(covered & np.isfinite(scale) & (scale > 0))
     if not rows.size:
         return float("nan"), float("nan")

@@ -20,7 +20,7 @@ from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
 from omnisight.progress import Progress, no_progress
-from omnisight.views.maps import visible_fraction
+from omnisight.views.maps import extrapolated_fraction, visible_fraction
 from omnisight.views.remapper import magnification
 
 Array = NDArray[np.float64]
@@ -72,11 +72,10 @@ class ViewResult(Displayed):
         cameras: tuple[Camera, Camera],
         rotations: Sequence[Array],
         covered: Mask,
-        extrapolated: Mask,
         *,
         errors: Sequence[str] = (),
     ) -> Self:
-        """Return the measures of views that a source and a target camera determine, with masks (H, W) of the view."""
+        """Return the measures of views that a source and a target camera determine, with their mask (H, W)."""
         source, target = cameras
         return cls(
             options,
@@ -86,7 +85,7 @@ class ViewResult(Displayed):
             tuple(rotations),
             image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
             view_fraction=float(covered.mean()),
-            extrapolated_fraction=float((extrapolated & covered).sum() / max(covered.sum(), 1)),
+            extrapolated_fraction=extrapolated_fraction(source, target, rotations),
             magnification=magnification(source, target, rotations[0]),
             errors=tuple(errors),
         )
@@ -235,8 +234,8 @@ class _ImageView:
     def result(self) -> ViewResult:
         """Return the measures of the view."""
         own = self.renderer
-        cameras, masks = (own.source, own.target), (own.covered, own.extrapolated)
-        return ViewResult.of(own.options, self._written, cameras, own.rotations, *masks, errors=self.errors)
+        cameras = own.source, own.target
+        return ViewResult.of(own.options, self._written, cameras, own.rotations, own.covered, errors=self.errors)
 
 
 def _output_files(images: Sequence[Path], output: Path) -> list[Path]:

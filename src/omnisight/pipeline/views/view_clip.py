@@ -155,9 +155,7 @@ class _ClipView:
     def result(self, file: Path) -> ViewResult:
         """Return the measures of the view of the first frame."""
         assert self._covered is not None  # a clip has at least one frame
-        cameras = self.source, self._target
-        outside = cube_cross([extrapolation_mask(*cameras, rotation) for rotation in self._rotations])
-        return ViewResult.of(self.options, [file], cameras, self._rotations, self._covered, outside)
+        return ViewResult.of(self.options, [file], (self.source, self._target), self._rotations, self._covered)
 
     def _at(self, seconds: float) -> ViewOptions:
         return moved(self.options, self._angles(seconds))
