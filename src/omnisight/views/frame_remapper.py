@@ -1,5 +1,6 @@
 """Remapping of video frames: luma and chroma are sampled as they are stored, without a conversion to RGB."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,8 +15,10 @@ from omnisight.views.remapper import MIN_PREFILTER_LEVEL, SCALE_STEP_PX, Interpo
 
 Floats = NDArray[np.float32]
 Plane = NDArray[Any]
+# Samples rows of a plane, from the first to before the last.
+RowLoop = Callable[[int, int], None]
 
-# Rows of a plane below which a second thread does not pay.
+# Rows of luma below which a second thread does not pay.
 GRAIN_ROWS = 32
 # Reduced copies of a plane: a 64-fold reduction covers views of any useful scale.
 MAX_LEVELS = 7
@@ -69,10 +72,19 @@ class FrameRemapper:
     def __call__(self, frame: Yuv) -> Yuv:
         """Return the view of a frame; uncovered pixels are black."""
         view = Yuv.empty(self.target.size, frame)
-        black, gray = frame.black
-        sizes = self.source.size, self._chroma.size, self._chroma.size
-        for k, (plane, target, size) in enumerate(zip(frame.planes, view.planes, sizes, strict=True)):
-            (self._luma if k == 0 else self._chroma).sample(plane, size, black if k == 0 else gray, target)
+        (luma, *chroma), targets, (black, gray) = frame.planes, view.planes, frame.black
+        sample_luma = self._luma.sampler(luma, self.source.size, black, targets[0])
+        sample_chroma = [
+            self._chroma.sampler(plane, self._chroma.size, gray, target)
+            for plane, target in zip(chroma, targets[1:], strict=True)
+        ]
+
+        def sample_rows(low: int, high: int) -> None:
+            sample_luma(2 * low, 2 * high)
+            for sample in sample_chroma:
+                sample(low, high)
+
+        parallel_for(sample_rows, self.target.height // 2, GRAIN_ROWS // 2)
         return view
 
 
@@ -84,12 +96,13 @@ class PackedMap:
     index: NDArray[np.uint32]
     fraction: NDArray[np.uint16]
 
-    def sample(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> None:
+    def sampler(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> RowLoop:
+        """Return the loop that samples rows of a target plane."""
         from omnisight.views._plane_kernel import sample_plane
 
         stride, value = np.uint64(plane.shape[1]), np.int32(border)
         arguments = _pairs(plane), stride, self.index, self.fraction, value
-        parallel_for(lambda low, high: sample_plane(*arguments, low, high, target), len(self.index), GRAIN_ROWS)
+        return lambda low, high: sample_plane(*arguments, low, high, target)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +115,11 @@ class PyramidMap:
     fraction: NDArray[np.uint16]
 
     def sample(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> None:
+        """Sample a target plane."""
+        parallel_for(self.sampler(plane, size, border, target), len(self.index), GRAIN_ROWS)
+
+    def sampler(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> RowLoop:
+        """Return the loop that samples rows of a target plane."""
         import cv2
 
         from omnisight.views._plane_kernel import sample_pyramid
@@ -113,7 +131,7 @@ class PyramidMap:
             level[...] = current if k == 0 else cv2.pyrDown(current)
             current = level
         arguments = buffer, self.index, self.fraction, np.int32(border)
-        parallel_for(lambda low, high: sample_pyramid(*arguments, low, high, target), len(self.index), GRAIN_ROWS)
+        return lambda low, high: sample_pyramid(*arguments, low, high, target)
 
     @property
     def _end(self) -> int:
@@ -130,13 +148,19 @@ class KernelMap:
     mask: NDArray[np.bool_]
     flag: int
 
-    def sample(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> None:
+    def sampler(self, plane: Plane, size: tuple[int, int], border: int, target: Plane) -> RowLoop:
+        """Return the loop that samples rows of a target plane."""
         import cv2
 
         source = plane[: size[1], : size[0]]
-        height, width = self.mask.shape
-        view: Any = cv2.remap(source, *self.maps, self.flag, borderMode=cv2.BORDER_REPLICATE)
-        target[:height, :width] = np.where(self.mask, view, np.asarray(border, plane.dtype))
+        width, value = self.mask.shape[1], np.asarray(border, plane.dtype)
+
+        def sample(low: int, high: int) -> None:
+            columns, fractions = (each[low:high] for each in self.maps)
+            view: Any = cv2.remap(source, columns, fractions, self.flag, borderMode=cv2.BORDER_REPLICATE)
+            target[low:high, :width] = np.where(self.mask[low:high], view, value)
+
+        return sample
 
 
 def packed_map(u: Floats, v: Floats, size: tuple[int, int], *, is_nearest: bool = False) -> PackedMap:
