@@ -4,6 +4,7 @@ import ast
 import graphlib
 import importlib.metadata
 import inspect
+import itertools
 import os
 import pkgutil
 import re
@@ -124,6 +125,14 @@ def test_the_table_of_the_readme_has_the_results_of_the_pages():
 
     assert len(summary().splitlines()) > 10
     assert summary() in (ROOT / "README.md").read_text(encoding="utf-8"), "insert: python -m benchmarks summary"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_rows_of_a_table_have_the_cells_of_its_head(page):
+    lines = re.sub(r"`[^`\n]*`|\\\|", "", (ROOT / page).read_text(encoding="utf-8")).splitlines()
+    for first, second in itertools.pairwise(lines):
+        if first.startswith("|") and second.startswith("|"):
+            assert first.count("|") == second.count("|"), second
 
 
 def test_the_links_of_the_readme_are_absolute():

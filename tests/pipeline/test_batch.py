@@ -256,7 +256,7 @@ def test_a_damaged_manifest_is_named(source, tmp_path, text):
 @pytest.mark.parametrize(
     ("source", "output", "message"),
     [
-        ("none", "out", "none: no images"),
+        ("none", "out", "none: no such file or folder"),
         (".", "./out", "is in the folder of the images"),
         ("nonsense://bucket/images", "out", "nonsense://bucket/images"),
     ],

@@ -94,3 +94,19 @@ def test_a_rewritten_archive_is_read_again(tmp_path, monkeypatch, archive):
                 file.writestr(name, f"{name} of {len(names)}")
         assert list(list_images(f"zip://*.png::{archive}", str(tmp_path / "out"))) == names
         assert read_file(f"zip://*.png::{archive}", names[-1]) == f"{names[-1]} of {len(names)}".encode()
+
+
+def test_a_damaged_archive_is_refused_by_its_name(tmp_path):
+    (tmp_path / "images.zip").write_bytes(b"no archive")
+    with pytest.raises(OSError, match=r"images\.zip: cannot be opened: File is not a zip file"):
+        list_images(f"zip://*.png::{tmp_path / 'images.zip'}", str(tmp_path / "out"))
+
+
+def test_an_object_store_without_credentials_is_reported_with_what_to_do(tmp_path, monkeypatch):
+    pytest.importorskip("s3fs")
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_PROFILE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    with pytest.raises(ValueError, match=r"s3://bucket/images: cannot be listed: Unable to locate credentials .*check"):
+        list_images("s3://bucket/images", str(tmp_path / "out"))

@@ -1,6 +1,7 @@
 """Atomic writing of image files: after a failure the old file is intact."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -92,4 +93,5 @@ def write_bytes(path: str | Path, data: bytes) -> None:
     except OSError as error:
         raise type(error)(f"cannot write {path}: {error.strerror or error}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only file system refuses to delete a file that does not exist
+            temporary.unlink()

@@ -4,7 +4,7 @@ import os
 import posixpath
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -79,11 +79,26 @@ def _local_archive_version(url: str) -> tuple[int, int]:
 def _opened(url: str, version: tuple[int, int]) -> tuple[Any, str]:
     """Return the file system of a URL that is absolute, and the path in it; `version` is that of its local archive."""
     try:
-        return fsspec.core.url_to_fs(url)
+        with _client_errors():
+            return fsspec.core.url_to_fs(url)
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as error:
+        kind = ValueError if isinstance(error, ValueError) else OSError
+        raise kind(f"{url}: cannot be opened: {error}") from None
+
+
+@contextmanager
+def _client_errors() -> Generator[None]:
+    """Raise the errors of clients of object stores and archives, which have no common class, as `OSError`."""
+    try:
+        yield
     except ImportError as error:
-        raise ValueError(f"{url}: {error}") from None
-    except ValueError as error:
-        raise ValueError(f"{url}: cannot be opened: {error}") from None
+        raise ValueError(str(error)) from None
+    except (OSError, ValueError):
+        raise
+    except Exception as error:
+        raise OSError(f"{error} ({type(error).__name__})") from error
 
 
 def list_images(url: str, output: str) -> dict[str, str]:
@@ -98,12 +113,10 @@ def list_images(url: str, output: str) -> dict[str, str]:
         raise ValueError(f"{output}: is in the folder of the images: outputs would be read as images next time")
     files, path = _filesystem(url)
     try:
-        if "*" in path or "?" in path:
-            found = files.glob(path, detail=True)
-        elif files.isdir(path):
-            found = files.find(path, detail=True)
-        else:
-            found = {path: files.info(path)} if files.isfile(path) else {}
+        with _client_errors():
+            found = _listed(files, path)
+    except FileNotFoundError:
+        raise ValueError(f"{url}: no such file or folder") from None
     except OSError as error:
         raise ValueError(f"{url}: cannot be listed: {error}; {ACCESS_ADVICE}") from None
     visible = [name for name in found if not posixpath.basename(name).startswith(".")]
@@ -113,6 +126,14 @@ def list_images(url: str, output: str) -> dict[str, str]:
     return {name: _version(found[name]) for name in names}
 
 
+def _listed(files: Any, path: str) -> dict[str, Any]:
+    """Return what a file system states of the files of a folder with its sub-folders, of a pattern, or of one file."""
+    if "*" in path or "?" in path:
+        return files.glob(path, detail=True)
+    return files.find(path, detail=True) if files.isdir(path) else {path: files.info(path)}
+
+
+@_client_errors()
 def file_versions(url: str, paths: Sequence[str]) -> dict[str, str]:
     """Return the versions of files in the file system of a URL; those that cannot be read have none."""
     files = _filesystem(url)[0]
@@ -151,11 +172,13 @@ def path_below(url: str, name: str) -> str:
     return posixpath.join(_filesystem(url)[1], name)
 
 
+@_client_errors()
 def read_file(url: str, path: str) -> bytes:
     """Read a file of the file system of a URL."""
     return _filesystem(url)[0].cat_file(path)
 
 
+@_client_errors()
 def write_file(url: str, name: str, data: bytes) -> None:
     """Write a file below a folder. It has all of its bytes or does not exist: object stores guarantee the same."""
     files, path = _filesystem(url)[0], path_below(url, name)
@@ -177,6 +200,7 @@ def _put(files: Any, url: str, path: str, data: bytes) -> None:
         raise type(error)(f"{url}: {path} cannot be written: {error}; {ACCESS_ADVICE}") from None
 
 
+@_client_errors()
 def remove_file(url: str, name: str) -> None:
     """Delete a file below a folder if it exists."""
     with suppress(FileNotFoundError):
@@ -193,6 +217,7 @@ def read_below(url: str, name: str) -> bytes | None:
         raise OSError(f"{url}: cannot be read: {error}; {ACCESS_ADVICE}") from None
 
 
+@_client_errors()
 def read_all_below(url: str, folder: str) -> list[bytes]:
     """Read the files in a folder below a folder, several at a time from an object store; none if it does not exist."""
     files, root = _filesystem(url)
