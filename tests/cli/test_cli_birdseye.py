@@ -46,6 +46,21 @@ def test_files_may_come_in_any_order(run, folder):
     np.testing.assert_array_equal(om.read_image(folder / "top0.png"), om.read_image(folder / "top1.png"))
 
 
+def test_images_of_16_bits_have_the_gray_levels_of_8_bits_and_are_not_mixed_with_them(run, folder):
+    def seams():
+        return json.loads(run(*arguments(folder), "-o", folder / "top.png", "--json")[1])["seam_step"]
+
+    expected = seams()
+    for name, image in car.images().items():
+        om.write_image(folder / f"{name}.png", image.astype(np.uint16) * 257)
+    assert seams() == pytest.approx(expected, abs=0.1)
+    om.write_image(folder / "front.png", car.images()["front"])
+    status, _, err = run(*arguments(folder), "-o", folder / "mixed.png")
+    assert status == 2
+    assert "the images are of different types (front uint8, " in err
+    assert not (folder / "mixed.png").exists()
+
+
 def test_folders_name_the_cameras_of_images(run, folder):
     for name, image in car.images().items():
         (folder / name / "images").mkdir(parents=True)

@@ -98,6 +98,13 @@ def test_simultaneous_images_share_a_name_a_number_or_a_place(left, right, rule,
     assert len(set(found.frame[0].values()) & set(found.frame[1].values())) == shared
 
 
+def test_times_of_caliscope_number_the_frames_of_each_clip_by_their_times(tmp_path):
+    lines = ["sync_index,port,frame_index,frame_time", "0,0,7,10.5", "0,1,3,10.52", "1,1,5,10.61", "1,0,9,10.6"]
+    (tmp_path / "frame_time_history.csv").write_text("\n".join(lines))
+    times = read_times(tmp_path / "frame_time_history.csv")
+    assert times == {"port_0": {"0": 10.5, "1": 10.6}, "port_1": {"0": 10.52, "1": 10.61}}
+
+
 def test_times_assign_the_nearest_image_within_half_an_interval(tmp_path):
     lines = ["camera,frame,seconds", "l,a.png,0.0", "l,b.png,0.1", "l,c.png,0.2", "r,x,0.04", "r,y,0.19", "r,z,0.5"]
     (tmp_path / "times.csv").write_text("\n".join(lines))

@@ -119,6 +119,7 @@ def test_invalid_input_is_refused(refuses, folders, tmp_path):
     assert "no images in" in refuses("compass", images, "--reference", tmp_path / "empty")
     assert "missing: no such file" in refuses("compass", images, "--reference", tmp_path / "missing")
     assert "missing.json" in refuses("compass", images, "--camera", tmp_path / "missing.json")
+    assert "specify its file (--camera)" in refuses("compass", images, "--up", "back")
     om.write_image(tmp_path / "photo.png", np.zeros((48, 64), np.uint8))
     assert "specify the camera of raw images (--camera)" in refuses("compass", tmp_path / "photo.png")
     om.save(om.perspective((64, 48), 90), tmp_path / "camera.json")

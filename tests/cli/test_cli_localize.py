@@ -113,10 +113,15 @@ def test_a_wrong_focal_length_is_reported(run, known, tmp_path, fov):
 
 def test_images_without_pose_have_a_reason(run, known, tmp_path):
     om.write_image(tmp_path / "gray.png", np.full((360, 480, 3), 128, np.uint8))
-    status, out, err = run("localize", tmp_path, "--map", known / "map", "--camera", known / "phone.json")
+    table = tmp_path / "poses.csv"
+    table.write_text("of an earlier run")
+    given = "localize", tmp_path, "--map", known / "map", "--camera", known / "phone.json", "-o", table
+    status, out, err = run(*given)
     assert status == 2
     assert "another place, or no texture" in out
+    assert "written   nothing" in out
     assert "no image was localized" in err
+    assert table.read_text() == "of an earlier run"
 
 
 @pytest.mark.parametrize("name", ["map/poses.csv", "phone/0.png", "phone.json"])

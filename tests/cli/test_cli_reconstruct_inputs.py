@@ -10,6 +10,7 @@ import pytest
 import omnisight as om
 from omnisight.geometry.rotation import exp
 from omnisight.images.video_writer import VideoWriter
+from omnisight.pipeline.inputs.camera_sources import CameraSources
 from omnisight.pipeline.inputs.image_set import image_set
 from omnisight.pipeline.reconstruction.known_positions import read_positions
 from omnisight.rig import Rig
@@ -189,3 +190,18 @@ def test_the_name_of_a_camera_is_refused_with_a_rig(refuses, images):
     rig = om.save(Rig.from_sensors({"a": (SPHERE, om.Pose())}), images.parent / "rig.json").path
     output = refuses("reconstruct", images, "--rig", rig, "--name", "a", "-o", images.parent / "out")
     assert "--name a: names a camera in a file of several, and a rig is used whole" in output
+
+
+def test_a_file_of_several_cameras_has_those_of_all_names(tmp_path):
+    cameras = {name: om.Camera(om.fisheye(256, fov).model, (256, 256)) for name, fov in (("left", 180), ("right", 190))}
+    om.save(Rig.from_sensors({name: (camera, om.Pose()) for name, camera in cameras.items()}), tmp_path / "rig.json")
+    found = CameraSources.of({"right": tmp_path / "rig.json", "left": tmp_path / "rig.json"}, None, None)
+    assert [camera.model for camera in found.sources] == [cameras["right"].model, cameras["left"].model]
+    with pytest.raises(ValueError, match=r"rig\.json: no camera 'front'.* it holds left, right"):
+        CameraSources.of({"front": tmp_path / "rig.json", "left": tmp_path / "rig.json"}, None, None)
+
+
+def test_a_file_in_place_of_the_output_folder_is_refused(refuses, images, tmp_path):
+    (tmp_path / "model").touch()
+    for command in ("reconstruct", "map"):
+        assert "model: is a file; choose a folder" in refuses(command, images, "-o", tmp_path / "model")

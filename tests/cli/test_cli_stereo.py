@@ -256,7 +256,7 @@ def test_invalid_files_and_options_are_refused(refuses, pair, tmp_path):
     both = "-o", tmp_path / "d.png", "--preview", tmp_path / "d.png"
     assert "d.png: is specified for two outputs" in refuses(*arguments(pair), *both)
     assert "must be larger than the baseline" in refuses(*arguments(pair), "--min-distance", "0.1")
-    assert "max_sigma is 0" in refuses(*arguments(pair), "--max-sigma", "0")
+    assert "--max-sigma is 0" in refuses(*arguments(pair), "--max-sigma", "0")
     assert "--steps must be positive" in refuses(*arguments(pair), "--steps", "0")
     om.write_image(tmp_path / "black.png", np.zeros((330, 440), np.uint8))
     assert "black.png: excludes all pixels" in refuses(*arguments(pair), "--mask-left", tmp_path / "black.png")

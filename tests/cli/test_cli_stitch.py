@@ -229,7 +229,7 @@ def test_cameras_without_overlap_state_the_missing_angle(head):
 def test_an_image_without_two_circles_needs_a_rig(head, capsys, tmp_path):
     status, _, err = run(capsys, "stitch", head / "truth.png", "-o", tmp_path / "sphere.jpg")
     assert status != 0
-    assert "two image circles" in err
+    assert "truth.png: no two image circles" in err
 
 
 def test_a_head_is_calibrated_by_its_overlap(head):

@@ -1,6 +1,7 @@
 """Reading, writing and collecting image files."""
 
 import contextlib
+import errno
 import os
 import struct
 from pathlib import Path
@@ -138,6 +139,16 @@ def test_unsupported_writes_raise_value_error(tmp_path, name, image, message):
 def test_writing_to_a_missing_folder_names_the_folder(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"the folder .*nowhere does not exist"):
         write_image(tmp_path / "nowhere" / "x.png", GRADIENT)
+
+
+def test_an_error_of_a_read_only_file_system_names_the_file(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.EROFS, "Read-only file system", "a temporary file")
+
+    for name in ("open", "unlink"):
+        monkeypatch.setattr(Path, name, fail)
+    with pytest.raises(OSError, match=r"cannot write .*view\.png: Read-only file system"):
+        write_image(tmp_path / "view.png", np.zeros((4, 4), np.uint8))
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path, monkeypatch):

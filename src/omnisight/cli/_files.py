@@ -13,13 +13,21 @@ if TYPE_CHECKING:
 def must_be_writable(output: Path) -> None:
     """Raise before any work if an output file cannot be written."""
     if output.is_dir():
-        raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'camera.json'}")
+        raise ValueError(f"{output}: is a folder; name a file in it")
     if not output.parent.is_dir():
         raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
     from omnisight.images.output_paths import write_error
 
     if reason := write_error(output.parent):
         raise ValueError(f"{output}: {reason} ({output.parent})")
+
+
+def must_be_writable_image(output: Path) -> None:
+    """Raise before any work if an output image cannot be written, or its extension is not that of an image."""
+    from omnisight.images.write import check_image_suffix
+
+    must_be_writable(output)
+    check_image_suffix(output)
 
 
 def refuse_inputs(output: Path, *inputs: str | Path | None) -> None:

@@ -34,11 +34,11 @@ def compare(
         Draw the difference and the uncertainties into this image.
     """
     from omnisight.cli._compare_report import print_json, print_report
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import must_be_writable_image
     from omnisight.pipeline.conversion.compare import compare as run
 
     if output is not None:
-        must_be_writable(output)
+        must_be_writable_image(output)
     comparison = run(a, b, options)
     if output is not None:
         from omnisight.images import write_image

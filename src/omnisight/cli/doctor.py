@@ -37,12 +37,12 @@ def doctor(
     write_mask
         Write an image that is black where all images look the same, for `odometry --mask`.
     """
-    from omnisight.cli._files import must_be_writable, refuse_inputs
+    from omnisight.cli._files import must_be_writable_image, refuse_inputs
     from omnisight.cli._progress import progress
     from omnisight.pipeline.odometry.doctor import doctor as run
 
     if write_mask is not None:
-        must_be_writable(write_mask)
+        must_be_writable_image(write_mask)
         refuse_inputs(write_mask, images, camera, options.mask)
     with progress() as report:
         diagnosis = run(images, camera, options, report)

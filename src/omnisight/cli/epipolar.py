@@ -40,13 +40,13 @@ def epipolar(
         Drawing to write.
     """
     from omnisight.cli._epipolar_report import print_json, print_report
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import must_be_writable_image
     from omnisight.images import write_image
     from omnisight.images.output_paths import refuse_overwrite
     from omnisight.pipeline.two_views.epipolar import epipolar as run
 
     if output is not None:
-        must_be_writable(output)
+        must_be_writable_image(output)
         inputs = (image_a, image_b, camera, camera_b, options.mask, options.mask_b)
         refuse_overwrite([output], [path for path in inputs if path is not None])
     result = run(image_a, image_b, camera, camera_b, options)

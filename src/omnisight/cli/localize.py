@@ -46,12 +46,12 @@ def localize(
     known = read_map(map)
     with progress() as report:
         found = run(images, known, camera, options, report)
-    if output is not None:
+    if output is not None and any(found.values()):
         write_poses(output, {name: image.cam_from_world for name, image in found.items() if image.cam_from_world})
     if is_json():
         print_json(found, known)
     else:
-        print_report(found, known, output)
+        print_report(found, known, output if any(found.values()) else None)
     print_warnings(found)
     if not any(found.values()):
         raise ValueError(f"{' '.join(images)}: no image was localized in {map}")

@@ -48,7 +48,7 @@ def stereo(
     rectified
         Drawing of the rectified images to write, side by side, with lines along rows.
     """
-    from omnisight.cli._files import must_be_writable
+    from omnisight.cli._files import must_be_writable, must_be_writable_image
     from omnisight.cli._stereo_report import print_json, print_report, print_warnings
     from omnisight.images import write_image
     from omnisight.images.output_paths import refuse_overwrite
@@ -60,7 +60,7 @@ def stereo(
         raise ValueError(f"--steps must be positive, got {steps:g}")
     files = [path for path in (output, ply, preview, rectified) if path is not None]
     for path in files:
-        must_be_writable(path)
+        (must_be_writable_image if path in (preview, rectified) else must_be_writable)(path)
     for k, path in enumerate(files):
         if path.resolve() in {other.resolve() for other in files[:k]}:
             raise ValueError(f"{path}: is specified for two outputs, and one would replace the other: use two files")
@@ -80,8 +80,8 @@ def stereo(
         write_image(rectified, draw_rectified(result))
     if is_json():
         print_json(result, steps)
-    print_warnings(result, too_far, steps)
     if not result:
         raise ValueError(f"{left}, {right}: {result.reason}")
+    print_warnings(result, too_far, steps)
     if not is_json():
         print_report(result, files, output, steps)

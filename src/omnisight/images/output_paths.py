@@ -48,14 +48,19 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
     files = output_paths(paths, folder)
     if folder.resolve() in {path.parent.resolve() for path in paths}:
         raise ValueError(f"{folder}: contains the images, so the drawings would be read as images next time")
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder}: is a file; choose a folder")
     if folder.suffix.lower() in IMAGE_SUFFIXES and not folder.exists():
         raise ValueError(f"{folder}: has the name of an image; choose a folder for the drawings")
+    check_output_folder(folder)
+    return files
+
+
+def check_output_folder(folder: Path) -> None:
+    """Raise `ValueError` if a folder, which need not exist, is a file or cannot be written."""
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    if not existing.is_dir():
+        raise ValueError(f"{existing}: is a file; choose a folder")
     if reason := write_error(existing):
         raise ValueError(f"{folder}: {reason} ({existing}); choose another folder")
-    return files
 
 
 def write_error(folder: Path) -> str:

@@ -18,7 +18,7 @@ def parse_length(text: str, name: str = "") -> float:
     start = f"{name}: " if name else ""
     if not isinstance(text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise ValueError(f"{start}expected a length with its unit, such as '32.5mm', got {text!r}")
-    match = re.fullmatch(r"\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Zµμ\"]*)\s*", text)
+    match = re.fullmatch(r"\s*(-?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([a-zA-Zµμ\"]*)\s*", text)
     units = ", ".join(UNITS_PER_METRE)
     if match is None:
         raise ValueError(

@@ -113,7 +113,7 @@ class SurroundRemapper:
         """
         from omnisight.views._surround_kernel import blend
 
-        images = [_rgb(image) for image in images]
+        images = self._rgb(images)
         dtype = images[0].dtype
         is_integer = np.issubdtype(dtype, np.integer)
         limit = np.float32(np.iinfo(dtype).max if is_integer else np.inf)
@@ -133,8 +133,8 @@ class SurroundRemapper:
     def gains(self, images: Sequence[Image]) -> Floats:
         """Return factors (C, 3) of the images that make them agree where they overlap (Brown and Lowe 2007)."""
         count = len(images)
-        images = [_rgb(image) for image in images]
-        scale = float(np.iinfo(images[0].dtype).max) if np.issubdtype(images[0].dtype, np.integer) else 1.0
+        images = self._rgb(images)
+        scale = _white_level(images[0])
         gains = np.ones((count, 3), np.float32)
         for channel in range(3):
             # A camera without overlap keeps its gain of 1.
@@ -152,15 +152,22 @@ class SurroundRemapper:
         return gains
 
     def seam_step(self, images: Sequence[Image], gains: Floats | None = None) -> float:
-        """Return the median difference of the mean levels of neighbouring images where they overlap; NaN without."""
+        """Return the median difference (of 255) of mean levels of neighbouring images where they overlap, or NaN."""
         steps: list[float] = []
-        images = [_rgb(image) for image in images]
+        images = self._rgb(images)
         factors = np.ones((len(images), 3)) if gains is None else gains
         for a, b, at_a, at_b in self.overlaps:
             mean_a = (images[a][at_a[:, 1], at_a[:, 0]] * factors[a]).mean()
             mean_b = (images[b][at_b[:, 1], at_b[:, 0]] * factors[b]).mean()
-            steps.append(abs(float(mean_a - mean_b)))
+            steps.append(255 / _white_level(images[a]) * abs(float(mean_a - mean_b)))
         return float(np.median(steps)) if steps else float("nan")
+
+    def _rgb(self, images: Sequence[Image]) -> list[Image]:
+        """Return images as contiguous (H, W, 3); raise `ValueError` if their types differ."""
+        if len({image.dtype for image in images}) > 1:
+            types = ", ".join(f"{name} {image.dtype}" for name, image in zip(self.rig.names, images, strict=True))
+            raise ValueError(f"the images are of different types ({types}): convert them to one")
+        return [_rgb(image) for image in images]
 
     def _samples(self) -> tuple[NDArray[np.int64], tuple[NDArray[Any], ...]]:
         """Return the first sample of each view pixel, and the table of samples; see the kernel."""
@@ -261,6 +268,11 @@ def _pyramid_layout(rig: Rig) -> tuple[list[list[int]], list[list[int]], list[li
         widths.append([width for width, _ in levels])
         sizes.append(levels)
     return offsets, widths, sizes
+
+
+def _white_level(image: Image) -> float:
+    """Return the level of white: the largest one of an integer type, else 1."""
+    return float(np.iinfo(image.dtype).max) if np.issubdtype(image.dtype, np.integer) else 1.0
 
 
 def _rgb(image: Image) -> Image:

@@ -9,7 +9,7 @@ from typing import Any
 
 from omnisight.formats import format_of_suffix, save
 from omnisight.images import Clip, write_image
-from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.output_paths import refuse_overwrite, write_error
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye.birdseye import (
@@ -130,6 +130,8 @@ def _check_output(
     for path in outputs:
         if not path.parent.is_dir():
             raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+        if reason := write_error(path.parent):
+            raise ValueError(f"{path}: {reason} ({path.parent})")
     several = any(is_sequence(source) for source in sources)
     if several and output.suffix and not output.is_dir():
         video.codec_of(output)

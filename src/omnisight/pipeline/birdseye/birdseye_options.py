@@ -76,10 +76,10 @@ class BirdseyeOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         if sum(given is not None for given in (self.ground, self.ground_board, self.height)) > 1:
-            raise ValueError("specify one of ground, ground_board and height: each determines the ground")
+            raise ValueError("specify one of --ground, --ground-board and --height: each determines the ground")
         if self.ground_board is None and (self.pattern or self.square or self.target):
             raise ValueError(
-                "pattern, square and target describe a board on the ground: specify its image, ground_board"
+                "--pattern, --square and --target describe a board on the ground: specify its image (--ground-board)"
             )
         if self.height is None and (self.pitch or self.roll):
-            raise ValueError("pitch and roll are those of a rig at a known height: specify the height too")
+            raise ValueError("--pitch and --roll are those of a rig at a known height: specify it too (--height)")

@@ -12,7 +12,7 @@ from omnisight.camera import Camera
 from omnisight.formats import load, load_rig
 from omnisight.geometry.pose import Pose
 from omnisight.optics.catadioptric import Catadioptric
-from omnisight.pipeline.inputs.central_camera import AnyCameraSource, CameraSource
+from omnisight.pipeline.inputs.central_camera import AnyCameraSource, CameraSource, load_sensor
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
@@ -104,7 +104,8 @@ class CameraSources:
         name: str | None,
     ) -> Self:
         """Return the cameras, where non-central ones are approximated by central ones."""
-        found = [_approximated(source, name) for source in sources]
+        sensors = names or (None,) * len(sources)
+        found = [_approximated(source, name, sensor) for source, sensor in zip(sources, sensors, strict=True)]
         rays = tuple(ray_camera for _, ray_camera in found)
         central = tuple(source for source, _ in found)
         return cls(names, central, poses, extrinsics, rays if any(ray is not None for ray in rays) else ())
@@ -130,14 +131,19 @@ class CameraSources:
         return self.extrinsics == "refined"
 
 
-def _approximated(source: AnyCameraSource | None, name: str | None) -> tuple[CameraSource | None, RayCamera | None]:
-    """Return the source of a central camera, and the non-central camera that it approximates."""
+def _approximated(
+    source: AnyCameraSource | None, name: str | None, sensor: str | None
+) -> tuple[CameraSource | None, RayCamera | None]:
+    """Return the source of a central camera, and the non-central camera that it approximates.
+
+    A file of several cameras has that of a name, or else of a sensor.
+    """
     if isinstance(source, RayCamera):
         return _distant(source, "the camera"), source
     if source is None or source == AUTO or isinstance(source, Camera):
         return source, None
-    camera = load(Path(source), name=name)
-    return (source, None) if isinstance(camera, Camera) else (_distant(camera, str(source)), camera)
+    camera = load(Path(source), name=name) if name or not sensor else load_sensor(source, sensor)
+    return (camera, None) if isinstance(camera, Camera) else (_distant(camera, str(source)), camera)
 
 
 def _distant(camera: RayCamera, label: str) -> Camera:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from omnisight.camera import Camera
 from omnisight.display import rounded
-from omnisight.formats import load
+from omnisight.formats import load, load_all
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.views import sphere
@@ -56,6 +56,18 @@ def load_camera(source: AnyCameraSource, name: str | None = None) -> Camera | Ra
         names = ", ".join(source.names)
         raise ValueError(f"a rig of {len(source)} cameras ({names}): pass one of them, such as rig.cameras[0]")
     return source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
+
+
+def load_sensor(path: str | PathLike[str], name: str) -> Camera | RayCamera:
+    """Return the camera of a sensor: that of its name in a file of several, such as a rig, else the only one.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, or holds several cameras and none of this name.
+    """
+    file = Path(path)
+    return load(file, name=name if len(load_all(file)) > 1 else None)
 
 
 def central_approximation(

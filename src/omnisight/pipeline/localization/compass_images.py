@@ -75,6 +75,8 @@ class PanoramaReader:
     """
 
     def __init__(self, camera: CameraSource | None, options: CompassOptions) -> None:
+        if camera is None and (options.up or options.name or options.scale_camera):
+            raise ValueError("--up, --name and --scale-camera are those of a camera: specify its file (--camera)")
         if not (camera is None or isinstance(camera, Camera)):
             camera = central_camera(camera, name=options.name, accepts_distance=False)
         self._camera, self._options = camera, options

@@ -110,7 +110,7 @@ def _camera(
     source: AnyCameraSource | None, sequence: FrameSequence, options: DoctorOptions
 ) -> tuple[Camera | None, str]:
     """Return the camera of a sequence, or None with the reason."""
-    (found,) = CameraSources.of(source, None, None).sources
+    (found,) = CameraSources.of(source, None, None, options.name).sources
     try:
         return camera_of_image(found, sequence.size, sequence.label, name=None, scale=options.scale_camera), ""
     except ValueError as error:

@@ -72,7 +72,7 @@ def odometry(
     """
     calibration = camera if rig is None else rig
     rig = rig if rig is None or isinstance(rig, Rig) else load_rig(Path(rig))
-    sources = CameraSources.of(camera, rig, None)
+    sources = CameraSources.of(camera, rig, None, options.name)
     sequence = FrameSequence.open(Path(images), sources.names, options)
     _refuse_inputs(output, [images, calibration, *sequence.paths], options)
 
@@ -116,7 +116,7 @@ def live_odometry(
         raise ValueError("--fps and --topic are for files: leave them out with --live")
     sequence = FrameSequence.live(str(source), options)
     _refuse_inputs(output, [source, camera], options)
-    body = _body(CameraSources.of(camera, None, None), sequence, options)
+    body = _body(CameraSources.of(camera, None, None, options.name), sequence, options)
     return _run(sequence, body, options, output, watch, no_progress)
 
 

@@ -19,6 +19,8 @@ class SequenceOptions(Options):
         10.
     topic
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
+    name
+        Name of the camera in a file of several, such as a rig.
     scale_camera
         Scale the camera to the size of the images, if they were resized.
     apply_exif
@@ -27,6 +29,7 @@ class SequenceOptions(Options):
 
     fps: float | None = None
     topic: str | None = None
+    name: str | None = None
     scale_camera: bool = False
     apply_exif: bool = False
 

@@ -17,11 +17,11 @@ from omnisight.calibration.resection import resect
 from omnisight.calibration.state import State
 from omnisight.camera import Camera
 from omnisight.display import Displayed
-from omnisight.formats import load
 from omnisight.pipeline.calibration.calibrate import calibrate, drop_images
 from omnisight.pipeline.calibration.calibration import Calibration
 from omnisight.pipeline.detection.detect import load_observations
 from omnisight.pipeline.detection.detection_advice import ForceRequired, explain_no_detection
+from omnisight.pipeline.inputs.central_camera import load_sensor
 from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
 from omnisight.progress import Progress
 from omnisight.ray_camera import RayCamera
@@ -175,7 +175,7 @@ def _calibrated_camera(name: str, calibration: Calibration, boards: Boards, stat
 
 
 def _known_camera(name: str, boards: Boards, file: Path, options: CalibrateRigOptions, progress: Progress) -> RigCamera:
-    camera = load(file)
+    camera = load_sensor(file, name)
     used, states = dict[str, Observations](), dict[str, State]()
     for board, observations in boards.items():
         if not len(observations):

@@ -17,6 +17,8 @@ Indices = NDArray[np.intp]
 
 # A file of the times of a million images has 30 MB; a larger one is another file.
 MAX_TIMES_BYTES = 50_000_000
+# Columns of frame_time_history.csv, which caliscope writes beside the clips port_0.mp4, port_1.mp4, ...
+CALISCOPE_COLUMNS = {"port": "camera", "frame_time": "seconds"}
 # Share of the interval between two images of a camera up to which images of two cameras are simultaneous.
 MAX_INTERVAL_SHARE = 0.5
 # Difference (s) of timestamps in file names up to which images are simultaneous: half of the interval at 10 images per
@@ -194,6 +196,8 @@ def frame_times(times: Mapping[str, float]) -> dict[int, float]:
 def read_times(path: Path) -> dict[str, dict[str, float]]:
     """Read the time (s) of each image, by camera and name, from a CSV file with the columns camera,frame,seconds.
 
+    The file may also be a frame_time_history.csv of caliscope, whose cameras are named like its clips.
+
     Raises
     ------
     ValueError
@@ -215,7 +219,10 @@ def _times(path: Path) -> dict[str, dict[str, float]]:
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         reader = csv.DictReader(file)
         columns = [name.strip() for name in reader.fieldnames or ()]
-        if missing := [name for name in ("camera", "frame", "seconds") if name not in columns]:
+        is_caliscope = {*CALISCOPE_COLUMNS} <= {*columns}
+        if is_caliscope:
+            columns = [CALISCOPE_COLUMNS.get(name, name) for name in columns]
+        elif missing := [name for name in ("camera", "frame", "seconds") if name not in columns]:
             raise ValueError(f"{path}: has no column {missing[0]}; the first line must be camera,frame,seconds")
         reader.fieldnames = columns
         for row in reader:
@@ -225,5 +232,17 @@ def _times(path: Path) -> dict[str, dict[str, float]]:
                 raise ValueError(f"{path}: line {reader.line_num}: {row['seconds']!r:.40} is no time in s") from None
             if not np.isfinite(seconds):
                 raise ValueError(f"{path}: line {reader.line_num}: the time {row['seconds']!r:.40} is not finite")
-            times.setdefault((row["camera"] or "").strip(), {})[(row["frame"] or "").strip()] = seconds
-    return times
+            frame = str(reader.line_num) if is_caliscope else (row["frame"] or "").strip()
+            times.setdefault((row["camera"] or "").strip(), {})[frame] = seconds
+    return _of_caliscope(times) if is_caliscope else times
+
+
+def _of_caliscope(times: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Return the times of the frames of clips of caliscope, by the port and the line of its file.
+
+    Its frame_index is the counter of the camera: the number of a frame in the clip is the rank of its time.
+    """
+    return {
+        f"port_{port}": {str(frame): seconds for frame, seconds in enumerate(sorted(lines.values()))}
+        for port, lines in times.items()
+    }

@@ -71,6 +71,12 @@ class HeadFrames:
     apply_exif: bool = False
     read: Callable[[StitchSource, bool], NDArray[Any]] = read_source
 
+    @property
+    def first(self) -> str:
+        """Names of the first images, or of the clips, in messages."""
+        sources = enumerate(self.sources[0], start=1)
+        return ", ".join(f"image {k}" if isinstance(source, np.ndarray) else str(source) for k, source in sources)
+
     def __iter__(self) -> Iterator[list[Bytes]]:
         """Read the images of each frame, RGB."""
         if not self.is_clip:
@@ -159,8 +165,8 @@ def head_frames(images: Sequence[StitchSource], names: Sequence[str] = ()) -> He
     return frames
 
 
-def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[LensField, LensField]:
-    """Return the image fields of two lenses of a head.
+def lens_fields(frames: HeadFrames, samples: Sequence[Sequence[Bytes]]) -> tuple[LensField, LensField]:
+    """Return the image fields of two lenses of a head, from the images of some frames.
 
     Raises
     ------
@@ -168,14 +174,13 @@ def lens_fields(frames: Sequence[Sequence[Bytes]], is_split: bool) -> tuple[Lens
         If a lens shows no image circle.
     """
     found = [
-        _rescaled_field([downsample(to_gray8(frame[k])) for frame in frames], frames[0][k].shape) for k in range(2)
+        _rescaled_field([downsample(to_gray8(frame[k])) for frame in samples], samples[0][k].shape) for k in range(2)
     ]
     missing = [k for k, field in enumerate(found) if field.outer is None]
-    if len(missing) == 2 or (missing and is_split):
-        where = "the image" if is_split else "the images"
+    if len(missing) == 2 or (missing and frames.is_split):
         raise ValueError(
-            f"{where}: no two image circles were detected"
-            + (" side by side" if is_split else "")
+            f"{frames.first}: no two image circles were detected"
+            + (" side by side" if frames.is_split else "")
             + "; without image circles specify a calibrated rig (--rig)"
         )
     if missing or found[0].size == found[1].size:

@@ -89,15 +89,15 @@ def head_rig(
         raise ValueError(
             f"there are {len(samples[0])} images, and without a rig exactly two lenses can be stitched: specify --rig"
         )
-    _check_distinct(samples[0])
+    _check_distinct(samples[0], frames)
     masks = _masks(options, samples[0])
     if cameras:
         return _calibrated_lenses(samples, cameras, masks, options)
     sizes = {image.shape[:2] for image in samples[0]}
     if len(sizes) > 1:
         listed = " and ".join(f"{image.shape[1]}x{image.shape[0]}" for image in samples[0])
-        raise ValueError(f"the images are of different sizes ({listed}): specify the rig, or the camera of each")
-    fields = lens_fields(samples, frames.is_split)
+        raise ValueError(f"{frames.first}: are of different sizes ({listed}): specify the rig, or the camera of each")
+    fields = lens_fields(frames, samples)
     allowed = tuple(_in_circle(lens.field, mask) for lens, mask in zip(fields, masks, strict=True))
     pairs = [(frame[0], frame[1]) for frame in samples]
     found = calibrate_head(pairs, fields, (allowed[0], allowed[1]))
@@ -125,7 +125,7 @@ def _given(frames: HeadFrames, rig: Rig, options: StitchOptions) -> HeadRig:
         names = ", ".join(rig.names)
         raise ValueError(f"there are {len(images)} images, and the rig has {len(rig)} cameras ({names}), in this order")
     check_order(frames.sources[0], rig.names)
-    _check_distinct(images)
+    _check_distinct(images, frames)
     fitted: list[Camera] = []
     for k, (camera, image) in enumerate(zip(rig.cameras, images, strict=True)):
         if not isinstance(camera, Camera):
@@ -162,11 +162,11 @@ def _calibrated_lenses(
     return _estimated(found, allowed)
 
 
-def _check_distinct(images: Sequence[Bytes]) -> None:
+def _check_distinct(images: Sequence[Bytes], frames: HeadFrames) -> None:
     """Raise `ValueError` if two images are identical."""
     for k in range(1, len(images)):
         if images[k].shape == images[0].shape and np.array_equal(images[k], images[0]):
-            raise ValueError(f"images 1 and {k + 1} are identical; specify the image of each camera")
+            raise ValueError(f"{frames.first}: images 1 and {k + 1} are identical; specify the image of each camera")
 
 
 def _estimated(found: HeadCalibration, allowed: tuple[Mask, ...]) -> HeadRig:

@@ -87,4 +87,4 @@ class StereoOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.max_sigma <= MAX_RELATIVE_SIGMA:
-            raise ValueError(f"max_sigma is {self.max_sigma:g}; choose a value above 0 and up to {MAX_RELATIVE_SIGMA}")
+            raise ValueError(f"--max-sigma is {self.max_sigma:g}; choose one above 0 and up to {MAX_RELATIVE_SIGMA}")
