@@ -60,7 +60,7 @@ def test_invalid_images_are_rejected(image, message):
         ((180, 200), "the image is 200x180, the camera 400x360: 0.5 times as large.*--scale-camera"),
         ((720, 800), "2 times as large; if the image was resized, scale the camera"),
         ((358, 400), "a different aspect ratio"),
-        ((400, 360), "rotated by 90 degrees; EXIF orientations are applied only with --apply-exif"),
+        ((400, 360), "rotated by 90 degrees; images have the EXIF orientation only with --apply-exif: specify it if"),
         ((300, 400), "the image is 400x300, the camera 400x360: a different aspect ratio; a camera is valid only for"),
     ],
 )

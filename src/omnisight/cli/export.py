@@ -53,6 +53,7 @@ def export(
     image_size
         WIDTHxHEIGHT of the images, if they were resized after the calibration.
     """
+    from omnisight.images.output_paths import check_output_folder
     from omnisight.pipeline.views.export_kind import export_kind
     from omnisight.reconstructions import ExportOptions
 
@@ -70,6 +71,7 @@ def export(
     elif is_batch and images is not None:
         _export_batch(source, images, output, batch, view)
     else:
+        check_output_folder(Path(output))
         folder = Path(images) if images else None
         if kind == "viewer":
             _export_viewer(source, Path(output), folder, view.apply_exif)

@@ -16,7 +16,10 @@ def size_mismatch(size: tuple[int, int], expected: tuple[int, int]) -> str:
         ratio = size[0] / expected[0]
         return f"{sizes}: {ratio:.4g} times as large; if the image was resized, scale the camera (--scale-camera)"
     if size == expected[::-1]:
-        return f"{sizes}: rotated by 90 degrees; EXIF orientations are applied only with --apply-exif"
+        return (
+            f"{sizes}: rotated by 90 degrees; images have the EXIF orientation only with --apply-exif: specify it if"
+            " the camera was calibrated with it, otherwise leave it out"
+        )
     return f"{sizes}: a different aspect ratio; a camera is valid only for images like those of its calibration"
 
 
