@@ -113,7 +113,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
     for reason, count in Counter(result.unregistered.values()).items():
         first = next(name for name, why in result.unregistered.items() if why == reason)
         others = f" and {count - 1} more" if count > 1 else ""
-        print(f"left out    {first}{others}: {reason}")
+        print(f"left out    {first}{others}: {reason.removeprefix(f'{first}: ')}")
 
 
 def focal_length_changes_json(result: ReconstructionResult) -> dict[str, object]:

@@ -58,7 +58,8 @@ def print_report(result: StereoResult, written: Sequence[Path], distances: Path 
     print(f"baseline   {rectification.baseline:.4g} {result.unit}, rectified to {width}x{height}")
     print(f"disparity  up to {rectification.max_disparity} px")
     print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
-    print(f"rotation   {check.rotation_deg:.3f}° ± {check.rotation_sigma_deg:.3f}° from that of the rig")
+    sigma = "unknown" if check.rotation_sigma_deg >= 180 else f"{check.rotation_sigma_deg:.3f}°"
+    print(f"rotation   {check.rotation_deg:.3f}° ± {sigma} from that of the rig")
     print(
         f"distance   {rounded(low, 3)} to {rounded(high, 3)} {result.unit}, median {rounded(median, 3)} ±"
         f" {_relative_sigma(result):.1%}"
