@@ -198,3 +198,9 @@ def test_the_command_prints_and_draws_the_difference(tmp_path, capsys):
     drawing = read_image(tmp_path / "d.png")
     assert drawing.shape[1] == 1460
     assert drawing.std() > 30
+
+
+def test_a_distance_is_refused_for_central_cameras():
+    camera = om.Camera(om.fisheye(256, 180.0).model, (256, 256))
+    with pytest.raises(ValueError, match="--distance is for non-central cameras, and both are central"):
+        om.compare(camera, camera, om.CompareOptions(distance="2m"))

@@ -40,8 +40,10 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
         If the aspect ratios differ, the cameras have no field of view in common, or a file cannot be read.
     """
     names = _names((a, b), (options.name, options.other_name))
-    first = _central(a, options.name, options, names[0])
-    second = _central(b, options.other_name, options, names[1])
+    cameras = load_camera(a, options.name), load_camera(b, options.other_name)
+    if options.distance is not None and all(isinstance(camera, Camera) for camera in cameras):
+        raise ValueError("--distance is for non-central cameras, and both are central: leave it out")
+    first, second = (_central(camera, options, name) for camera, name in zip(cameras, names, strict=True))
     if not all(first.size):
         first = dataclasses.replace(first, size=second.size)
     if not all(first.size):
@@ -51,9 +53,8 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
     return CameraComparison.of(first, second, names, columns=options.columns, max_theta=max_theta)
 
 
-def _central(source: AnyCameraSource, name: str | None, options: CompareOptions, label: str) -> Camera:
-    """Return the central camera of a source."""
-    camera = load_camera(source, name)
+def _central(camera: Camera | RayCamera, options: CompareOptions, label: str) -> Camera:
+    """Return a central camera, or the one that approximates a non-central camera."""
     distance = options.distance if isinstance(camera, RayCamera) else None
     return central_approximation(camera, distance, label)
 
