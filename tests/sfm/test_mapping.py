@@ -188,9 +188,13 @@ def test_two_images_and_images_of_one_place_have_nothing_to_verify(poses, distan
     keypoints = observe(poses, distance * points_around(100), 0.1)
     (found,) = mapped(keypoints)
     assert len(found.points) == 0 or len(found.frames) == 2
+    assert reconstruction_of(found, keypoints).unverified == ()
+
+
+def reconstruction_of(found, keypoints):
+    """Return the reconstruction of a map of images 0.jpg, 1.jpg and so on."""
     names, colors = [f"{k}.jpg" for k in range(len(keypoints))], [np.zeros((len(k), 3), np.uint8) for k in keypoints]
-    rig = om.Rig((om.sphere(100),), (Pose(),), ("camera",))
-    assert build_reconstruction(found, rig, names, keypoints, colors).unverified == ()
+    return build_reconstruction(found, om.Rig((om.sphere(100),), (Pose(),), ("camera",)), names, keypoints, colors)
 
 
 def test_covariances_are_relative_to_a_verified_image():
@@ -201,6 +205,7 @@ def test_covariances_are_relative_to_a_verified_image():
     assert sorted(found.frames.tolist()) == list(range(7))
     assert found.is_verified.tolist() == [True] * 6 + [False]
     assert found.frames[-1] == 0
+    assert reconstruction_of(found, keypoints).unverified == ("0.jpg",)
 
 
 def rig_views(frames, sensors, points, *, field_deg=360.0, sigma_deg=0.05):

@@ -1,25 +1,23 @@
 """What a reconstruction reports of itself."""
 
 import dataclasses
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from omnisight.geometry.pose import Pose
 from omnisight.geometry.rotation import hat
-from omnisight.sfm.missing_matches import PredictedMatches
+from omnisight.sfm.missing_matches import ComparedImages, PredictedMatches
 from omnisight.sfm.verification import MIN_VERIFIED, verified_frames
 from reconstructing import single
 
-
-def complete(pairs):
-    """Predict no more matches than there are."""
-    return [PredictedMatches(0.0, 0.0, MIN_VERIFIED, 100)] * len(pairs)
+NONE_COMPARED = ComparedImages(np.zeros((0, 2), np.intp), [])
 
 
-def verified(made, keep, predict=complete):
+def verified(made, keep, compared=NONE_COMPARED):
     observations = made.observations.select(keep)
-    return verified_frames(observations.image, observations.point, made.frame, predict, 1.0).tolist()
+    return verified_frames(observations.image, observations.point, made.frame, compared, 1.0).tolist()
 
 
 def test_images_with_few_points_that_other_images_share_are_not_verified():
@@ -35,12 +33,13 @@ def test_images_with_few_points_that_other_images_share_are_not_verified():
 @pytest.mark.parametrize(("share", "is_contradicted"), [(0.4, True), (0.6, False)])
 def test_parts_between_which_more_matches_are_missing_than_agree_are_apart(share, is_contradicted):
     made = single(frames=6)
-
-    def predict(pairs):
-        across = [(a < 4) != (b < 4) for a, b in pairs]
-        return [PredictedMatches(50 / share if apart else 50.0, 50.0, 50, 100) for apart in across]
-
-    assert verified(made, made.observations.image >= 0, predict) == [True] * 4 + [not is_contradicted] * 2
+    pairs = np.array(list(combinations(range(6), 2)))
+    is_across = (pairs < 4).sum(axis=1) == 1
+    predictions = [PredictedMatches(50 / share if apart else 50.0, 50.0, 50, 100) for apart in is_across]
+    every = made.observations.image >= 0
+    assert verified(made, every, ComparedImages(pairs, predictions)) == [True] * 4 + [not is_contradicted] * 2
+    within = ComparedImages(pairs[~is_across], [PredictedMatches(50.0, 50.0, 50, 100)] * int((~is_across).sum()))
+    assert verified(made, every, within) == [True] * 6  # images that were not compared lack no matches
 
 
 def test_the_uncertainty_of_rotations_is_that_of_the_verified_images():
@@ -82,10 +81,10 @@ def test_parts_that_only_one_image_connects_are_apart_because_their_relative_sca
     # The first points are in images 0 to 3, and so on: a chain in which any two neighbours have two images in common.
     seen = [(i, MIN_VERIFIED * k + p) for k in range(3) for i in images[2 * k : 2 * k + 4] for p in points]
     chain = np.array(seen).T
-    assert verified_frames(*chain, images, complete, 1.0).all()
-    assert verified_frames(*chain, images // 2, complete, 1.0).all()  # two images of a frame know their distance
+    assert verified_frames(*chain, images, NONE_COMPARED, 1.0).all()
+    assert verified_frames(*chain, images // 2, NONE_COMPARED, 1.0).all()  # two images of a frame know their distance
     one = chain[:, (chain[0] != 3) | (chain[1] >= MIN_VERIFIED)]  # only image 2 connects the first part
-    assert verified_frames(*one, images, complete, 1.0).tolist() == [False] * 2 + [True] * 6
+    assert verified_frames(*one, images, NONE_COMPARED, 1.0).tolist() == [False] * 2 + [True] * 6
 
 
 def test_the_uncertainty_of_the_scale_does_not_depend_on_the_origin():

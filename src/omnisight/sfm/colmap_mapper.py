@@ -61,7 +61,7 @@ def map_images_with_colmap(
         first = InitialPoses(frames[is_new], poses[is_new])
         found = refine_poses(first, images, graph, watch, refines_sensors=refines_sensors)
         if (found.row_of_image >= 0).sum() > 1:
-            maps.append(found.with_verified_first())
+            maps.append(found.with_verification())
             is_used[found.frames] = True
     return sorted(maps, key=lambda found: -len(found.frames))
 

@@ -1,6 +1,5 @@
 """A map: poses of frames, and the points that their images show."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,7 +13,7 @@ from omnisight.parallel import parallel_map
 from omnisight.sfm.bundle_adjustment import Bundle
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.measurements import Measurements
-from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, predicted_matches_of_poses
+from omnisight.sfm.missing_matches import ComparedImages, KnownPoints, predicted_matches_of_poses
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.sfm.tracks import Tracks
@@ -53,6 +52,8 @@ class Map:
         (Q,) of free cameras.
     measured
         What was measured in metres.
+    verified
+        (V,) indices of the frames that are verified, see `with_verification`; none before.
     """
 
     images: RigImages
@@ -66,6 +67,7 @@ class Map:
     refines_sensors: bool = False
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
+    verified: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @property
     def has_scale(self) -> bool:
@@ -125,32 +127,39 @@ class Map:
             rig_from_world=np.concatenate([self.rig_from_world[others], rig_from_world]),
         )
 
-    def with_verified_first(self) -> "Map":
-        """Return the map with its verified frames before the others: covariances are relative to the first frame."""
-        order = np.argsort(~self.is_verified, kind="stable")
-        return replace(self, frames=self.frames[order], rig_from_world=self.rig_from_world[order])
+    @property
+    def is_verified(self) -> NDArray[np.bool_]:
+        """Which frames (F,) are verified."""
+        return np.isin(self.frames, self.verified)
+
+    def with_verification(self) -> "Map":
+        """Return the map with its verified frames, see `verified_frames`, before the others.
+
+        Covariances are relative to the first frame.
+        """
+        image, point, share = self.tracks.image, self.tracks.track, self.graph.repeatability
+        is_verified = verified_frames(image, point, self.row_of_image, self.compared, share)
+        order = np.argsort(~is_verified, kind="stable")
+        verified = self.frames[is_verified]
+        return replace(self, frames=self.frames[order], rig_from_world=self.rig_from_world[order], verified=verified)
 
     @cached_property
-    def is_verified(self) -> NDArray[np.bool_]:
-        """Which frames (F,) are verified, see `verified_frames`."""
-
-        def predict(pairs: Sequence[tuple[int, int]]) -> list[PredictedMatches]:
-            return self.predicted_matches(pairs, [self.all_matches(*pair) for pair in pairs])
-
-        image, point, share = self.tracks.image, self.tracks.track, self.graph.repeatability
-        return verified_frames(image, point, self.row_of_image, predict, share)
+    def compared(self) -> ComparedImages:
+        """The pairs of images with points that were compared, with the matches that their poses predict."""
+        row, known = self.row_of_image, self.known_points
+        pairs = [(a, b) for a, b in self.graph.compared if a in known and b in known and row[a] != row[b]]
+        poses = {image: self.cam_from_world(image) for image in known}
+        matches = [self.all_matches(*pair) for pair in pairs]
+        predictions = predicted_matches_of_poses(pairs, matches, known, poses)
+        return ComparedImages(np.array(pairs, np.intp).reshape(-1, 2), predictions)
 
     def all_matches(self, a: int, b: int) -> Indices:
         """Return the keypoints (N, 2) of two images that match, also far ones, or show a point by other images."""
         (of_a, in_a), (of_b, in_b) = self.observations[a], self.observations[b]
         _, first, second = np.intersect1d(of_a, of_b, return_indices=True)
         by_others = np.column_stack([in_a[first], in_b[second]])
-        return np.unique(np.concatenate([self.graph.matches.get((a, b), by_others[:0]), by_others]), axis=0)
-
-    def predicted_matches(self, pairs: Sequence[tuple[int, int]], matches: Sequence[Indices]) -> list[PredictedMatches]:
-        """Return the matches that the poses of pairs of images with points predict, given those (N, 2) of each."""
-        poses = {image: self.cam_from_world(image) for image in self.known_points}
-        return predicted_matches_of_poses(pairs, matches, self.known_points, poses)
+        pairs = np.concatenate([self.graph.matches.get((a, b), by_others[:0]), by_others])
+        return pairs[np.unique(pairs @ [self.images.offsets[-1], 1], return_index=True)[1]]
 
     @cached_property
     def observations(self) -> dict[int, tuple[Indices, Indices]]:

@@ -86,29 +86,30 @@ def map_images(
         rest = [edge for edge in rest if edge.images not in first.contradicted]
         if not len(first.frames):
             continue
-        start = _without_points(first, images, graph, refines_sensors)
+        start = _without_points(first, images, replace(graph, edges=rest), refines_sensors)
         is_moving = any(edge.has_translation for edge in rest)
-        found = _refine_and_extend(start, replace(graph, edges=rest), watch) if is_moving else start
+        found = _refine_and_extend(start, watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
-        maps += [found.with_verified_first()] if is_map else []
+        maps += [found] if is_map else []
         inside = (found if is_map else start).row_of_image >= 0
         rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _refine_and_extend(start: Map, graph: ViewGraph, watch: Watch) -> Map:
+def _refine_and_extend(start: Map, watch: Watch) -> Map:
     """Refine a map of averaged poses, and register further frames, while more of them agree with it."""
-    found, size = start, (0, 0)
+    found, edges, size = start, start.graph.edges, (0, 0)
     while True:
-        found = _refined(found, _tracks(found, graph.edges), watch)
-        contradicted = _contradicted_frames(found, graph)
+        found = _refined(found, _tracks(found, edges), watch)
+        contradicted = _contradicted_frames(found)
         if contradicted.any() and not contradicted.all():
             found = found.with_frames(~contradicted)
-            found = _refined(found, _tracks(found, graph.edges), watch)
-        before, size = size, (int(found.is_verified.sum()), len(found.frames))
+            found = _refined(found, _tracks(found, edges), watch)
+        found = found.with_verification()
+        before, size = size, (len(found.verified), len(found.frames))
         if size <= before:  # the registered frames did not agree with the map
             return found
-        extended = _with_registered_frames(found, graph.edges)
+        extended = _with_registered_frames(found, edges)
         if extended is found:
             return found
         found = extended
@@ -201,15 +202,12 @@ def _without_unsupported_frames(current: Map) -> Map:
     return current if keep.all() else current.with_frames(keep)
 
 
-def _contradicted_frames(found: Map, graph: ViewGraph) -> NDArray[np.bool_]:
+def _contradicted_frames(found: Map) -> NDArray[np.bool_]:
     """Return which frames (F,) are where more matches with the others are missing than agree."""
-    row, known = found.row_of_image, found.known_points
-    matches, no_matches = graph.matches, np.zeros((0, 2), np.intp)
-    pairs = [(a, b) for a, b in graph.compared if a in known and b in known and row[a] != row[b]]
-    predictions = found.predicted_matches(pairs, [matches.get(pair, no_matches) for pair in pairs])
-    lacking = missing_matches(predictions, graph.repeatability)
+    pairs, predictions = found.compared
+    lacking = missing_matches(predictions, found.graph.repeatability)
     agreeing = np.array([each.found for each in predictions])
-    ends, contradicted = row[np.array(pairs, np.intp).reshape(-1, 2)], np.zeros(len(found.frames), bool)
+    ends, contradicted = found.row_of_image[pairs], np.zeros(len(found.frames), bool)
     while True:
         use = ~contradicted[ends].any(axis=1)
         missing, confirmed = (

@@ -112,6 +112,13 @@ class PredictedMatches(NamedTuple):
     keypoints: int
 
 
+class ComparedImages(NamedTuple):
+    """Pairs of images (N, 2) that were compared, and the matches that their poses predict."""
+
+    pairs: Indices
+    predictions: Sequence[PredictedMatches]
+
+
 def predicted_matches_of_edges(edges: Sequence[Edge], points: PointDistances) -> list[PredictedMatches]:
     """Return the matches that the relative poses of edges with a translation predict."""
     if not edges:
