@@ -28,9 +28,9 @@ SAME_FOCAL, SAME_K1, SAME_K2 = 0.003, 0.003, 0.0006
 # Standard deviation of the principal point about the centre of the image circle, as a share of its radius: 0.003 of
 # five calibrated fisheyes, 0.008 of a head; and about the centre of the image: 0.018 of the five.
 CENTER_SIGMA, IMAGE_CENTER_SIGMA = 0.006, 0.018
-# Standard deviation of each coordinate of the vector between the lenses, in units of the distance of the scene: 4 cm at
-# 2 m.
-PARALLAX_SIGMA = 0.02
+# Standard deviation of each coordinate of the vector between the lenses, in units of the distance of the scene: 3 cm at
+# 3 m.
+PARALLAX_SIGMA = 0.01
 # Parameters of a lens: logarithm of the focal length, k1, k2, cx, cy.
 LENS_PARAMETERS = 5
 # Parameters that the overlap determines: both lenses, a rotation vector, and the vector between the lenses.

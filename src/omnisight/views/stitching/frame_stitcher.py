@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.images.planes import Plane, Yuv
 from omnisight.parallel import parallel_for
-from omnisight.views.frame_remapper import PyramidMap, packed_map, pyramid_level, pyramid_map
+from omnisight.views.frame_remapper import PyramidMap, packed_map, pyramid_map
 from omnisight.views.stitching.blending import REDUCTION, Blender
 from omnisight.views.stitching.photometry import DISPLAY_GAMMA
-from omnisight.views.stitching.sampling import Mask, Sampler
+from omnisight.views.stitching.sampling import Mask, Sampler, reduction_level
 from omnisight.views.stitching.seam_plan import SeamPlan, label_map
 
 Floats = NDArray[np.float32]
@@ -24,9 +24,6 @@ MIXED = 255
 # Corrections of coarse bands below this share of a grey level are not added.
 MIN_CORRECTION = 0.02
 GRAIN_ROWS = 8
-# Reduction (log2) from which planes are sampled from a pyramid: below, bilinear interpolation uses every pixel of the
-# image. A sphere at full resolution has 0.65 at 90 degrees from an axis, and a pyramid takes 96 ms instead of 56 ms.
-MIN_REDUCTION_LEVEL = 1.0
 
 
 class FrameStitcher:
@@ -162,9 +159,7 @@ class _PlaneMaps:
 
     def __init__(self, camera: Camera, luma: tuple[Floats, Floats], chroma: tuple[Floats, Floats], shown: Mask) -> None:
         half = (camera.width + 1) // 2, (camera.height + 1) // 2
-        level = pyramid_level(camera, *luma, np.isfinite(luma[0]))
-        if level is not None and level[shown].max(initial=0) < MIN_REDUCTION_LEVEL:
-            level = None
+        level = reduction_level(camera, *luma, shown)
         self._pyramids: list[PyramidMap] = []
         if level is not None:
             below = np.ascontiguousarray(level[1::2, ::2])

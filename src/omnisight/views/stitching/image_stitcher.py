@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
-from omnisight.views.frame_remapper import PyramidMap, pyramid_level, pyramid_map
+from omnisight.views.frame_remapper import PyramidMap, pyramid_map
 from omnisight.views.stitching.blending import Blender
-from omnisight.views.stitching.sampling import Mask
+from omnisight.views.stitching.sampling import Mask, reduction_level
 from omnisight.views.stitching.seam_plan import SeamPlan, label_map
 
 Bytes = NDArray[np.uint8]
@@ -61,8 +61,7 @@ class _ImageMap:
         import cv2
 
         self._shape, self._size = u.shape, camera.size
-        visible = [np.where(seen, m, np.float32(np.nan)) for m in (u, v)]
-        level = pyramid_level(camera, visible[0], visible[1], seen)
+        level = reduction_level(camera, u, v, seen)
         self._map = cv2.convertMaps(u, v, cv2.CV_16SC2) if level is None else pyramid_map(u, v, camera.size, level)
 
     def __call__(self, image: Bytes) -> Any:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.geometry.pose import Pose
 from omnisight.parallel import parallel_map
+from omnisight.views.frame_remapper import pyramid_level
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -21,6 +22,10 @@ OUTSIDE_PX = -9999.0
 CHUNK_ROWS = 64
 # Step between the pixels among which the farthest from the principal point is searched.
 RADIUS_STEP_PX = 8
+# Reduction (log2) from which images are sampled from a pyramid: below, bilinear interpolation uses every pixel of the
+# image. A sphere at full resolution has 0.65 at 90 degrees from an axis, but only tangentially: a pyramid would blur
+# radially too.
+MIN_REDUCTION_LEVEL = 1.0
 
 
 class Warp(Protocol):
@@ -154,3 +159,10 @@ class PolarGrid:
         theta = np.arctan2(np.hypot(local[..., 0], local[..., 1]), local[..., 2])
         phi = np.arctan2(local[..., 1], local[..., 0]) % (2 * np.pi)
         return theta, phi * self.px_per_rad - 0.5
+
+
+def reduction_level(camera: Camera, u: Floats, v: Floats, seen: Mask) -> Floats | None:
+    """Return the pyramid level (H, W) at which to sample pixels u, v of an image; None if nowhere much smaller."""
+    visible = [np.where(seen, m, np.float32(np.nan)) for m in (u, v)]
+    level = pyramid_level(camera, visible[0], visible[1], seen)
+    return None if level is None or level[seen].max(initial=0) < MIN_REDUCTION_LEVEL else level
