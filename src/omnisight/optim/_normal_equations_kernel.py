@@ -3,10 +3,10 @@
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
-from omnisight.compiled import njit_helper
+from omnisight.compiled import njit_inlined
 
 
-@njit_helper
+@njit_inlined
 def add_observation(weight, residual, jacobian, gradient, information):
     """Add one observation to the gradient J^T W r (P,) and to the lower triangle of J^T W J (P, P), in place.
 

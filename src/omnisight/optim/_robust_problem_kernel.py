@@ -58,7 +58,7 @@ def _defined_by_the_problem(method):
         return getattr(problem.instance_class, method.__name__)
 
     resolve.__signature__ = inspect.signature(method)
-    overload(method, jit_options=NJIT_OPTIONS)(resolve)
+    overload(method, jit_options=NJIT_OPTIONS | {"forceinline": True})(resolve)
 
 
 for _method in (sizes, solve_minimal, squared_error, linearize, feature, retract):

@@ -180,10 +180,11 @@ def _whitened_tangents(covariance_b, first, second, covariance_a, in_a):
 @njit_helper
 def _largest(model):
     """Return the index of the largest of nine elements."""
-    best = 0
-    for element in range(1, 9):
-        if abs(model[element // 3, element % 3]) > abs(model[best // 3, best % 3]):
-            best = element
+    best, largest = 0, 0.0
+    for element in range(9):
+        size = abs(model[element // 3, element % 3])
+        if size > largest:
+            best, largest = element, size
     return best
 
 

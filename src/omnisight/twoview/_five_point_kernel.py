@@ -10,7 +10,7 @@ ten cubic polynomials in (x, y, z), which elimination reduces to a polynomial of
 
 import numpy as np
 
-from omnisight.compiled import njit_helper
+from omnisight.compiled import njit_helper, njit_inlined
 from omnisight.optim._polynomial_kernel import real_roots
 from omnisight.twoview._essential_kernel import poses_from_essential
 
@@ -147,7 +147,7 @@ def _constraints(basis):
     return system
 
 
-@njit_helper
+@njit_inlined
 def _add_quadratic(target, left, right, sign):
     """Add the product of two linear polynomials times a sign to a quadratic polynomial."""
     for p in range(4):
@@ -155,7 +155,7 @@ def _add_quadratic(target, left, right, sign):
             target[QUADRATIC_OF[p, q]] += sign * left[p] * right[q]
 
 
-@njit_helper
+@njit_inlined
 def _add_cubic(target, quadratic, linear):
     """Add the product of a quadratic and a linear polynomial to a cubic polynomial."""
     for p in range(10):

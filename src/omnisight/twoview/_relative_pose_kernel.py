@@ -69,9 +69,8 @@ class RelativePoseProblem(NamedTuple):
         p, q, t = times(model, problem.a[i]), problem.b[j], (model[0, 3], model[1, 3], model[2, 3])
         m, n = cross(t, p), cross(t, q)
         variance_a, variance_b = problem.variance_a[i], problem.variance_b[j]
-        if _is_behind(p, q, m, n, variance_a + variance_b):
-            return np.inf
-        return dot(q, m) ** 2 / max(variance_b * dot(m, m) + variance_a * dot(n, n), 1e-300)
+        square = dot(q, m) ** 2 / max(variance_b * dot(m, m) + variance_a * dot(n, n), 1e-300)
+        return np.inf if _is_behind(p, q, m, n, variance_a + variance_b) else square
 
     @staticmethod
     def linearize(problem, model, i, residual, jacobian):
@@ -125,4 +124,4 @@ def _is_behind(p, q, m, n, variance):
     """
     c = cross(p, q)
     squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
-    return (dot(n, c) > 0.0 or dot(m, c) > 0.0) and squared_chord > MIN_SQUARED_PARALLAX * variance
+    return ((dot(n, c) > 0.0) | (dot(m, c) > 0.0)) & (squared_chord > MIN_SQUARED_PARALLAX * variance)
