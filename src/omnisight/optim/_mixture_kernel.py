@@ -6,7 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.optim._eigen_kernel import inverse_root, times_gram
+from omnisight.optim._eigen_kernel import inverse_root, symmetric_eigen, times_gram
 from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
 
@@ -18,6 +18,8 @@ MAX_ROUNDS, TOLERANCE = 50, 1e-2
 MIN_SCALE = 1e-6
 # Smallest part of a residual that remains in the fit, relative to that of the model of the others.
 MIN_REST = 1e-6
+# Smallest information of a step, relative to the largest one.
+MIN_INFORMATION = 1e-12
 # Inliers and outliers that are added to all observations, so that no share is 0 or 1.
 PSEUDO_COUNT = 0.5
 
@@ -51,9 +53,9 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         (N,), that each observation is an inlier.
     scale
         Standard deviation of the inliers' residuals.
-    information
-        (P, P), the observed information of a step: what is unknown about which observations are inliers is subtracted
-        (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
+    covariance
+        (P, P) of a step, the inverse of the observed information: what is unknown about which observations are inliers
+        is subtracted (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
     log_likelihood
         Logarithm of the density of the residuals and of the prior, up to a constant.
     """
@@ -94,7 +96,7 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     log_likelihood = _log_likelihood(squares, dimension, scale, (share, outlier_density))
     log_likelihood -= 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
-    return model, probability, scale, information + prior, log_likelihood
+    return model, probability, scale, _covariance(information + prior), log_likelihood
 
 
 @njit_helper
@@ -210,3 +212,20 @@ def _scale(squares, dimension, probability, parameters):
             total += probability[i] * squares[i]
     freedom = dimension * probability.sum() - parameters
     return max(np.sqrt(total / max(freedom, 1.0)), MIN_SCALE)
+
+
+@njit_helper
+def _covariance(information):
+    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
+
+    An unobservable step has a huge variance, not zero as in a pseudo-inverse.
+    """
+    size = len(information)
+    values, vectors, covariance = np.empty(size), np.empty((size, size)), np.zeros((size, size))
+    symmetric_eigen(information.copy(), values, vectors)
+    least = max(values[size - 1] * MIN_INFORMATION, np.finfo(np.float64).tiny)
+    for k in range(size):
+        for i in range(size):
+            for j in range(size):
+                covariance[i, j] += vectors[k, i] * vectors[k, j] / max(values[k], least)
+    return covariance

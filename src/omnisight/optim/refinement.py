@@ -12,8 +12,6 @@ Array = NDArray[np.float64]
 # Squared length of a residual over its variance that 99.7 % of the inliers do not exceed (3 sigma in one dimension), by
 # the dimension of the residual.
 THRESHOLDS = {1: 9.0, 2: 11.83}
-# Smallest information of a step, relative to the largest one.
-MIN_INFORMATION = 1e-12
 
 
 class Refinement(NamedTuple):
@@ -61,16 +59,6 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
     volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
     density = chance_probability(problem, model, threshold) / float(volume)
     prior = np.zeros((parameters, parameters)) if prior is None else prior
-    model, probability, scale, information, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
+    model, probability, scale, covariance, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
     evidence = float(log_likelihood - len(problem[0]) * np.log(density))
-    return Refinement(model, np.asarray(probability > 0.5), float(scale), _covariance(information), evidence)
-
-
-def _covariance(information: Array) -> Array:
-    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
-
-    An unobservable step has a huge variance, not zero as in a pseudo-inverse.
-    """
-    values, vectors = np.linalg.eigh(information)
-    least = max(float(values[-1]) * MIN_INFORMATION, np.finfo(float).tiny)
-    return np.asarray(vectors / np.maximum(values, least) @ vectors.T, float)
+    return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, evidence)
