@@ -9,9 +9,11 @@ Array = NDArray[np.float64]
 def hat(vectors: ArrayLike) -> Array:
     """Return the cross-product matrices (..., 3, 3) of vectors (..., 3): hat(v) w = v x w."""
     v = np.asarray(vectors, float)
-    x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*v.shape[:-1], 3, 3)
+    matrices = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrices[..., k, j] = v[..., i]
+        matrices[..., j, k] = -v[..., i]
+    return matrices
 
 
 def exp(vectors: ArrayLike) -> Array:
@@ -35,7 +37,9 @@ def exp(vectors: ArrayLike) -> Array:
 def log(rotations: ArrayLike) -> Array:
     """Return the rotation vectors (..., 3), of length at most pi, of rotations (..., 3, 3)."""
     r = np.asarray(rotations, float)
-    axis = np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1) / 2
+    axis = np.empty(r.shape[:-1])
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        axis[..., i] = (r[..., k, j] - r[..., j, k]) / 2
     sine = np.sqrt((axis * axis).sum(-1))
     angle = np.arctan2(sine, (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1) / 2)
     vector = axis * (angle / np.where(sine > 0, sine, 1.0))[..., None]

