@@ -44,6 +44,8 @@ class RobustEstimate:
         (P, P) covariance of a step of the model.
     inliers
         (N,), whether each correspondence is more probably an inlier than an outlier.
+    order
+        (N,) indices of the correspondences in the random order of the search.
     scale
         Standard deviation of the residuals in units of the assumed ones.
     score
@@ -61,6 +63,7 @@ class RobustEstimate:
     model: Array | None
     covariance: Array
     inliers: NDArray[np.bool_]
+    order: NDArray[np.intp]
     scale: float = float("nan")
     score: float = float("nan")
     iterations: int = 0
@@ -122,7 +125,7 @@ def estimate_robustly(
     inliers[order] = fit.is_inlier
     model, reason = None if chance or alternative else fit.model, chance or alternative
     search = found.score, iterations, reason, bool(alternative)
-    return RobustEstimate(model, fit.covariance, inliers, scale, *search, probability)
+    return RobustEstimate(model, fit.covariance, inliers, order, scale, *search, probability)
 
 
 def _chance_reason(problem: Any, fit: Refinement) -> str:
@@ -174,5 +177,5 @@ def _least_support(support: int) -> float:
 
 
 def _failure(count: int, reason: str, iterations: int = 0) -> RobustEstimate:
-    nothing = np.zeros(count, np.bool_)
-    return RobustEstimate(None, np.full((0, 0), np.nan), nothing, iterations=iterations, reason=reason)
+    nothing, order = np.zeros(count, np.bool_), np.arange(count)
+    return RobustEstimate(None, np.full((0, 0), np.nan), nothing, order, iterations=iterations, reason=reason)

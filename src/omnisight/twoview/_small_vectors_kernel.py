@@ -41,18 +41,15 @@ def quadratic_form(matrix, u, v):
 
 @njit_helper
 def perpendiculars(v):
-    """Return two unit vectors perpendicular to a unit vector and to each other."""
+    """Return two unit vectors perpendicular to a unit vector and to each other.
+
+    T. Duff et al., Building an orthonormal basis, revisited, JCGT 2017.
+    """
     x, y, z = v[0], v[1], v[2]
-    if abs(x) <= abs(y) and abs(x) <= abs(z):
-        inverse = 1.0 / np.sqrt(y * y + z * z)
-        first = 0.0, z * inverse, -y * inverse
-    elif abs(y) <= abs(z):
-        inverse = 1.0 / np.sqrt(x * x + z * z)
-        first = -z * inverse, 0.0, x * inverse
-    else:
-        inverse = 1.0 / np.sqrt(x * x + y * y)
-        first = y * inverse, -x * inverse, 0.0
-    return first, cross(v, first)
+    sign = np.copysign(1.0, z)
+    scale = -1.0 / (sign + z)
+    product = x * y * scale
+    return (1.0 + sign * x * x * scale, sign * product, -sign * x), (product, sign + y * y * scale, -y)
 
 
 @njit_helper

@@ -59,7 +59,10 @@ class MotionModel(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class MotionSelection:
-    """The motion model, with the rotation or the homography (3, 4) if it is the best."""
+    """The motion model, with the rotation or the homography (3, 4) if it is the best.
+
+    The covariance of the pose decides what a general motion is, see `pose_motion`.
+    """
 
     motion: MotionModel
     rotation: RobustEstimate | None = None
@@ -67,7 +70,7 @@ class MotionSelection:
 
 
 def select_motion(
-    pairs: BearingPairs, general: RobustEstimate, covariance: Array, options: RansacOptions
+    pairs: BearingPairs, inliers: BearingPairs, general: RobustEstimate, options: RansacOptions
 ) -> MotionSelection:
     """Select the motion model of pairs with known noise.
 
@@ -78,10 +81,10 @@ def select_motion(
     ----------
     pairs
         With the noise of the general estimate, if there is one.
+    inliers
+        Those of the general estimate, in random order.
     general
         The relative pose, whose model is None if none was found.
-    covariance
-        (6, 6) covariance of the relative pose.
     options
         Options of the search for a rotation and a plane.
     """
@@ -93,9 +96,9 @@ def select_motion(
         return MotionSelection(MotionModel("ambiguous", general.reason))
     if general.model is None:
         return _rotation_model(pairs, options)
-    inliers = pairs[np.random.default_rng(options.seed).permutation(np.flatnonzero(general.inliers))]
-    homography, squares_of_plane = _best(HomographyProblem.of(inliers), options)
-    _, squares_of_rotation = _best(RotationProblem.of(inliers), options)
+    search = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
+    homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
+    _, squares_of_rotation = _best(RotationProblem.of(inliers), search)
     squares = {
         "general": squared_residuals(RelativePoseProblem.of(inliers), general.model),
         "dominant plane": squares_of_plane,
@@ -116,7 +119,12 @@ def select_motion(
         return MotionSelection(
             MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None, homography
         )
-    return MotionSelection(unknown_direction(covariance) or _planar_or_general(general.model, covariance))
+    return MotionSelection(MotionModel("general", f"rms parallax {ratio:.1f} times its noise"))
+
+
+def pose_motion(model: Array, covariance: Array) -> MotionModel:
+    """Return whether a pose (3, 4) with a covariance (6, 6) is a planar or a general motion or has no direction."""
+    return unknown_direction(covariance) or _planar_or_general(model, covariance)
 
 
 def unknown_direction(covariance: Array) -> MotionModel | None:
@@ -180,7 +188,7 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
     """Return the model of least truncated cost of observations in random order, and their squared residuals (N,)."""
     from omnisight.optim._robust_problem_kernel import squared_residuals
 
-    found = ransac(problem, THRESHOLDS[2], replace(options, max_iterations=MAX_COMPETING_ITERATIONS))
+    found = ransac(problem, THRESHOLDS[2], options)
     return found.model, squared_residuals(problem, found.model)
 
 

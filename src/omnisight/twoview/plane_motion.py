@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 # A motion is possible if it has this share of the points of the plane in front of both cameras: those seen from near
 # the plane may seem to be behind.
 MIN_SHARE_IN_FRONT = 0.95
+# Sine of the angle between the translation and the normal of the plane below which the angle is rounding.
+MIN_SINE = 1e-12
 # Probability of a motion above which the other one is excluded.
 MIN_PROBABILITY = 0.999
 
@@ -53,7 +55,7 @@ class PlaneMotion:
     evidence: float
 
 
-def plane_motions(pairs: BearingPairs, homography: Array, seed: int) -> list[tuple[float, PlaneMotion]]:
+def plane_motions(pairs: BearingPairs, homography: Array, order: NDArray[np.intp]) -> list[tuple[float, PlaneMotion]]:
     """Return the possible motions with their probabilities, the more probable one first.
 
     Parameters
@@ -62,12 +64,11 @@ def plane_motions(pairs: BearingPairs, homography: Array, seed: int) -> list[tup
         With known noise.
     homography
         (3, 4), a model of `HomographyProblem`, close to that of the plane.
-    seed
-        Seed of the order in which pairs are compared with unrelated ones.
+    order
+        (N,) random order of the pairs, in which they are compared with unrelated ones.
     """
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem
 
-    order = np.random.default_rng(seed).permutation(len(pairs))
     plane = refine(permuted(HomographyProblem.of(pairs), order), homography)
     is_on_plane = np.empty_like(plane.is_inlier)
     is_on_plane[order] = plane.is_inlier
@@ -91,12 +92,11 @@ def tangent_basis(pose: Pose) -> Array:
 
     They are those of `_relative_pose_kernel`.
     """
-    across = so3.hat(pose.translation)
-    first = across[:, np.abs(pose.translation).argmin()]
+    from omnisight.twoview._small_vectors_kernel import perpendiculars
+
     basis = np.zeros((6, 5))
     basis[:3, :3] = np.eye(3)
-    basis[3:, 3] = first / np.linalg.norm(first)
-    basis[3:, 4] = across @ basis[3:, 3]
+    basis[3:, 3], basis[3:, 4] = perpendiculars.py_func(pose.translation)
     return basis
 
 
@@ -112,12 +112,12 @@ def _decomposed(plane: Refinement, bearings: Array) -> Iterator[tuple[Pose, Arra
         if share < MIN_SHARE_IN_FRONT or not motion[:, 3].any():
             continue
         sign = 1.0 if 2 * in_front > len(bearings) else -1.0
+        pose = Pose(motion[:, :3], sign * motion[:, 3] / np.linalg.norm(motion[:, 3]))
+        # For a motion along the normal, both motions of the homography are the same, and the derivatives are singular.
+        if np.linalg.norm(pose.translation - (pose.translation @ normal) * normal) < MIN_SINE:
+            continue
         by_motion = _homography_by_motion(motion[:, :3], sign * motion[:, 3], sign * normal)
         columns = np.column_stack([by_motion, model.ravel()])
-        # It is singular for a motion along the normal, where both motions of the homography are the same.
-        if np.linalg.matrix_rank(columns) < 9:
-            continue
-        pose = Pose(motion[:, :3], sign * motion[:, 3] / np.linalg.norm(motion[:, 3]))
         by_element = np.delete(np.linalg.inv(columns)[:6], np.abs(model).argmax(), axis=1)
         by_element = scale * tangent_basis(pose).T @ by_element
         yield pose, by_element @ plane.covariance @ by_element.T
@@ -128,7 +128,9 @@ def _homography_by_motion(rotation: Array, translation: Array, normal: Array) ->
 
     A step (w, |t| v) of the motion and a change u of the normal change it by w x R + |t| v n^T + t u^T.
     """
-    axes, tangents = np.eye(3), np.linalg.svd(normal[None])[2][1:]
+    from omnisight.twoview._small_vectors_kernel import perpendiculars
+
+    axes, tangents = np.eye(3), np.array(perpendiculars.py_func(normal))
     turns = so3.hat(axes) @ rotation
     shifts = float(np.linalg.norm(translation)) * axes[:, :, None] * normal
     tilts = translation[:, None] * tangents[:, None, :]
@@ -147,7 +149,7 @@ def _with_other_points(
     problem = RelativePoseProblem.of(others)
     if len(others) < 2 or not _is_supported(problem, pose.matrix):
         return PlaneMotion(pose, covariance, is_on_plane, 0.0)
-    fit = refine(problem, pose.matrix, prior=np.asarray(np.linalg.pinv(covariance, hermitian=True), float))
+    fit = refine(problem, pose.matrix, prior=np.asarray(np.linalg.inv(covariance), float))
     inliers = is_on_plane.copy()
     inliers[order[~is_on_plane[order]]] = fit.is_inlier
     return PlaneMotion(Pose.of_matrix(fit.model), fit.covariance, inliers, fit.evidence)

@@ -14,7 +14,7 @@ from omnisight.optim.ransac import RansacOptions
 from omnisight.optim.refinement import THRESHOLDS
 from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
-from omnisight.twoview.motion_model import MotionModel, select_motion, unknown_direction
+from omnisight.twoview.motion_model import MotionModel, pose_motion, select_motion, unknown_direction
 from omnisight.twoview.plane_motion import PlaneMotion, plane_motions, tangent_basis
 
 Array = NDArray[np.float64]
@@ -114,20 +114,21 @@ def estimate_relative_pose(pairs: BearingPairs, options: RansacOptions = RansacO
     found = estimate_robustly(
         lambda scale: RelativePoseProblem.of(pairs.scaled(scale)), is_scale_known=pairs.is_noise_known, options=options
     )
-    pose, covariance = None, np.full((6, 6), np.nan)
-    if found.model is not None:
+    if found.model is not None and not pairs.is_noise_known:
         pairs = replace(pairs.scaled(found.scale), is_noise_known=True)
-        pose = Pose.of_matrix(found.model)
-        basis = tangent_basis(pose)
-        problem = RelativePoseProblem.of(pairs[found.inliers])
-        ratio = variance_ratio(problem, found.model, pairs.a[found.inliers])
-        covariance = ratio * (basis @ found.covariance @ basis.T)
-    best = select_motion(pairs, found, covariance, options)
+    inliers = pairs[found.order[found.inliers[found.order]]]
+    best = select_motion(pairs, inliers, found, options)
     if best.rotation is not None and best.rotation.model is not None:
         return _rotation_only(pairs, best.rotation.model, best.rotation, best.motion)
-    if best.homography is not None and (motions := plane_motions(pairs, best.homography, options.seed)):
+    if best.homography is not None and (motions := plane_motions(pairs, best.homography, found.order)):
         return _on_plane(pairs, motions, best.motion, found)
-    sigma, motion = _sigma_deg(pairs), best.motion
+    pose, covariance, motion, sigma = None, np.full((6, 6), np.nan), best.motion, _sigma_deg(pairs)
+    if found.model is not None:
+        pose = Pose.of_matrix(found.model)
+        basis = tangent_basis(pose)
+        ratio = variance_ratio(RelativePoseProblem.of(inliers), found.model, inliers.a)
+        covariance = ratio * (basis @ found.covariance @ basis.T)
+        motion = pose_motion(found.model, covariance) if motion.name == "general" else motion
     if motion.name in ("general", "planar motion") and (reason := found.ambiguity):
         pose, motion, found = None, MotionModel("ambiguous", reason), replace(found, reason=reason)
     return RelativePose(pose, covariance, found.inliers, motion, sigma, found.score, found.iterations, found.reason)
@@ -161,9 +162,10 @@ def _on_plane(
     probability, best = motions[0]
     covariance, along = np.zeros((6, 6)), tangent_basis(best.b_from_a)
     for weight, other in motions:
+        covariance += weight * (along @ other.covariance @ along.T)
+    for weight, other in motions[1:]:
         turn = so3.log(other.b_from_a.rotation @ best.b_from_a.rotation.T)
         shift = sphere.tangent(best.b_from_a.translation, other.b_from_a.translation)
-        covariance += weight * (along @ other.covariance @ along.T)
         # Between distant motions, no linear relation holds between both parts of a step, so they are not correlated.
         covariance[:3, :3] += weight * np.outer(turn, turn)
         covariance[3:, 3:] += weight * np.outer(shift, shift)
