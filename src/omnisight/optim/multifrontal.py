@@ -177,8 +177,8 @@ def _elimination(pattern: BlockPattern) -> tuple[Indices, list[Indices]]:
     1985), of SuperLU.
     """
     groups = len(pattern.sizes)
-    if not groups:
-        return np.zeros(0, np.intp), []
+    if groups < 2:
+        return np.zeros(groups, np.intp), [np.zeros(0, np.intp)] * groups
     off = pattern.row != pattern.column
     row, column = pattern.row[off], pattern.column[off]
     degree = np.bincount(row, minlength=groups) + np.bincount(column, minlength=groups)
