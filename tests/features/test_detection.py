@@ -230,15 +230,17 @@ def test_wrong_sizes_and_options_are_reported():
         FeatureOptions(max_resolution=0.0)
 
 
-def test_views_of_a_limited_resolution_have_the_same_bearings():
-    """Keypoints of views of half the resolution are those of coarse scales, at the same directions."""
+@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize("share", [0.5, 0.6])
+def test_keypoints_at_a_limited_resolution_have_the_same_bearings(surface, share):
+    """Keypoints at a lower resolution are those of coarse scales, at the same directions."""
     image = photograph(FISHEYE)
-    whole = detect_features(image, FISHEYE)
-    half = detect_features(image, FISHEYE, FeatureOptions(max_resolution=whole_resolution() / 2))
+    whole = detect_features(image, FISHEYE, FeatureOptions(surface=surface))
+    half = detect_features(image, FISHEYE, FeatureOptions(surface=surface, max_resolution=share * whole_resolution()))
     assert len(half) > 20
     distances = np.linalg.norm(half.bearings[:, None] - whole.bearings[None], axis=2).min(axis=1)
     assert np.median(distances) < 0.5 / whole_resolution()
-    assert np.median(half.scale) > 1.5 * np.median(whole.scale)
+    assert np.median(half.scale) > 0.75 / share * np.median(whole.scale)
 
 
 def whole_resolution() -> float:

@@ -42,7 +42,7 @@ class FeatureOptions(Options):
     max_keypoints
         Only the strongest are returned.
     max_resolution
-        Pixels per radian of the views at most: those of an image with more are reduced, which takes less time.
+        Pixels per radian at most: an image with more is reduced, which takes less time.
     """
 
     kind: Literal["sift", "orb", "xfeat"] = "sift"
@@ -106,7 +106,8 @@ def detect_features(
     valid = illuminated_region(gray, camera)
     gray = _brightened(gray, valid)
     detector = DETECTORS[options.kind]
-    views = tangent_views(camera, options.max_resolution) if options.surface == "views" else whole_image(camera)
+    surface = tangent_views if options.surface == "views" else whole_image
+    views = surface(camera, options.max_resolution)
     views = [MirroredView(view) for view in views] if mirrored else views
     found = parallel_map(lambda view: _detect_in_view(view, gray, valid, detector, options.max_keypoints), views)
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
@@ -137,11 +138,14 @@ def _detect_in_view(
 
 def _brightened(gray: NDArray[np.uint8], valid: Mask) -> NDArray[np.uint8]:
     """Return a dark image with full contrast: detectors have thresholds in gray levels."""
-    white = float(np.quantile(gray[valid], WHITE_QUANTILE)) if valid.any() else 0.0
+    import cv2
+
+    shares = np.cumsum(cv2.calcHist([gray], [0], valid.astype(np.uint8), [256], [0, 256]))
+    white = int(np.searchsorted(shares, WHITE_QUANTILE * shares[-1]))
     if not 0 < white < 255:
         return gray
     levels = np.minimum(np.rint(np.arange(256) * (255 / white)), 255).astype(np.uint8)
-    return levels[gray]
+    return np.asarray(cv2.LUT(gray, levels), np.uint8)
 
 
 def _distance_to_invalid(valid: Mask) -> NDArray[np.float32]:

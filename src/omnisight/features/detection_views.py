@@ -11,7 +11,7 @@ from omnisight.geometry.rotation import look
 from omnisight.models.stereographic import Stereographic
 from omnisight.views import Remapper
 from omnisight.views.cube import CUBE_FACES
-from omnisight.views.maps import resolution
+from omnisight.views.maps import is_periodic, resolution
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -67,21 +67,38 @@ class DetectionView(Protocol):
 
 
 class WholeImage:
-    """The image itself, with columns repeated at the seam of a 360 image."""
+    """The image itself, cropped to what has a direction, and reduced to a maximum resolution.
 
-    def __init__(self, camera: Camera) -> None:
-        period = camera.model.period
+    Columns are repeated at the seam of a 360 image.
+    """
+
+    def __init__(self, camera: Camera, max_resolution: float) -> None:
+        bearings, _ = camera.samples(count=SAMPLES)
+        ratio = max_resolution / float(np.median(resolution(camera, bearings))) if len(bearings) else 1.0
+        # An integer number of columns, because the image of a 360 camera repeats after them.
+        self._factor = round(camera.width * min(ratio, 1.0)) / camera.width
         self._camera = camera
-        self._margin = MARGIN_PX if period is not None and abs(period - camera.width) < 0.5 else 0
-        self.cell = np.full((camera.height, camera.width + 2 * self._margin), 255, np.uint8)
+        self._margin = MARGIN_PX if is_periodic(camera) else 0
+        seen = valid_region(camera)
+        rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
+        self._first = np.array([columns[0], rows[0]]) if len(rows) else np.zeros(2, np.intp)
+        self._last = np.array([columns[-1], rows[-1]]) if len(rows) else np.array(camera.size) - 1
+        self.cell = np.full_like(self(seen.astype(np.uint8)), 255)
 
     def __call__(self, image: Bytes) -> Bytes:
+        import cv2
+
+        image = image[self._first[1] : self._last[1] + 1, self._first[0] : self._last[0] + 1]
+        if self._factor < 1.0:
+            scale = self._factor
+            reduced = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            image = np.asarray(reduced, np.uint8)
         return np.pad(image, ((0, 0), (self._margin, self._margin)), "wrap")
 
     def locate(self, pixels: Array) -> Located:
-        source = pixels - (self._margin, 0)
+        source = (pixels - (self._margin, 0) + 0.5) / self._factor - 0.5 + self._first
         bearings, valid, d_pixel, _ = self._camera.model.unproject_with_jacobians(source)
-        return Located(source, bearings, d_pixel, valid & self._camera.in_image(source))
+        return Located(source, bearings, d_pixel / self._factor, valid & self._camera.in_image(source))
 
 
 class MirroredView:
@@ -148,13 +165,13 @@ def tangent_views(camera: Camera, max_resolution: float) -> list[DetectionView]:
         seen = seen[_is_in_front_face(seen)]
         if len(seen):
             views.append(TangentView(camera, rotation, seen, max_resolution))
-    return views or whole_image(camera)  # a camera that sees nothing has no keypoints
+    return views or whole_image(camera, max_resolution)  # a camera that sees nothing has no keypoints
 
 
 @lru_cache(maxsize=4)
-def whole_image(camera: Camera) -> list[DetectionView]:
+def whole_image(camera: Camera, max_resolution: float) -> list[DetectionView]:
     """Return the image itself, or its mirror image if the camera exchanges left and right, as the only view."""
-    image = WholeImage(camera)
+    image = WholeImage(camera, max_resolution)
     return [MirroredView(image) if _is_mirrored(camera) else image]
 
 
