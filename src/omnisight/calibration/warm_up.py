@@ -11,7 +11,7 @@ import numpy as np
 def start_warm_up() -> threading.Thread:
     """Start a daemon thread that prepares the calibration loops while images are read and boards detected.
 
-    The first run on a machine compiles them in a process of its own, because a process compiles one function at a time.
+    The first run on a machine compiles them in processes of their own, because a process compiles one function at a time.
     """
     thread = threading.Thread(target=_prepare, name="omnisight-warm-up", daemon=True)
     thread.start()
@@ -25,24 +25,27 @@ def _prepare() -> None:
     # The program of a frozen application is not Python.
     if not has_code(normal_equation_blocks) and sys.executable and not getattr(sys, "frozen", False):
         with contextlib.suppress(OSError):
-            subprocess.run(
-                [sys.executable, "-m", "omnisight.calibration.warm_up"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                check=False,
-            )
+            processes = [
+                subprocess.Popen(
+                    [sys.executable, "-m", "omnisight.calibration.warm_up", part],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                )
+                for part in PARTS
+            ]
+            for process in processes:
+                process.wait()
     warm_up()
 
 
-def compile_first() -> None:
-    """Compile what a first calibration needs and detection does not compile first."""
+def compile_detection() -> None:
+    """Compile what detection and redetection need and their first steps do not compile."""
     from omnisight.models.kannala_brandt import KannalaBrandt
     from omnisight.targets.subpixel.corner_fit import fit_corners
 
     corner = np.kron(np.eye(2, dtype=np.uint8), np.full((50, 50), 255, np.uint8))
     fit_corners(corner, np.full((1, 2), 49.5), 20.0 * np.eye(2)[None], np.zeros((1, 2, 2)))
-    warm_up()
     KannalaBrandt.example().unproject(np.full((1, 2), 100.0))
 
 
@@ -66,5 +69,8 @@ def warm_up() -> None:
     refine(resect(model, observations), observations, iterations=1)
 
 
+# What is compiled by a process each; both take about six seconds.
+PARTS = {"detection": compile_detection, "calibration": warm_up}
+
 if __name__ == "__main__":
-    compile_first()
+    PARTS[sys.argv[1]]()
