@@ -11,7 +11,7 @@ import numpy as np
 def start_warm_up() -> threading.Thread:
     """Start a daemon thread that prepares the calibration loops while images are read and boards detected.
 
-    The first run on a machine compiles them in processes of their own, because a process compiles one function at a time.
+    The first run on a machine compiles them in other processes, because a process compiles one function at a time.
     """
     thread = threading.Thread(target=_prepare, name="omnisight-warm-up", daemon=True)
     thread.start()
