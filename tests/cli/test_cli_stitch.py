@@ -195,6 +195,8 @@ def test_metres_need_a_rig_in_metres(head):
     images = [om.read_image(head / f"{name}.png") for name in rig.names]
     with pytest.raises(ValueError, match="--at 3m: the lengths of the rig are in squares"):
         om.stitch(images, rig, om.StitchOptions(width=256, at="3m"))
+    with pytest.raises(ValueError, match="--at 3m: without a rig"):
+        om.stitch(images, None, om.StitchOptions(width=256, at="3m"))
 
 
 def test_the_rig_is_not_replaced_by_the_estimated_one(head, capsys, tmp_path):

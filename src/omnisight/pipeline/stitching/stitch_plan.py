@@ -112,8 +112,6 @@ def _apart(samplers: list[Sampler], head: HeadCalibration, at: str) -> list[Samp
     """Return the samplers of lenses that are apart, around their centre, for the median distance of the scene."""
     if at == "inf":
         return samplers
-    if at != "auto":
-        raise ValueError(f"--at {at}: the distance of the lenses is not known in metres: specify a rig (--rig)")
     poses = Pose(np.eye(3), -head.translation @ head.rotation / 2), Pose(head.rotation, head.translation / 2)
     return [dataclasses.replace(s, sensor_from_rig=p, distance=1.0) for s, p in zip(samplers, poses, strict=True)]
 

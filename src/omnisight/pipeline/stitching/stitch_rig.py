@@ -82,6 +82,8 @@ def head_rig(
         raise ValueError("specify a rig or cameras, not both: the rig contains its cameras")
     if rig is not None:
         return _given(frames, rig, options)
+    if options.at not in ("auto", "inf"):
+        raise ValueError(f"--at {options.at}: without a rig the lenses are apart by an unknown length: specify --rig")
     samples = frames.calibration_frames()
     if not samples:
         raise ValueError("the clips have no common frame: specify clips that were recorded at the same time")
