@@ -53,7 +53,7 @@ def test_an_unwritable_folder_is_refused_before_the_detection(refuses, shots, tm
     monkeypatch.setattr("omnisight.pipeline.detection.detect.detect", raises_error(AssertionError("images were read")))
     (tmp_path / "file").touch()
     folder = tmp_path / "file" / "drawn"
-    assert f"{folder}: cannot be written: Not a directory" in refuses("detect", shots, "-o", folder)
+    assert f"{tmp_path / 'file'}: is a file; choose a folder" in refuses("detect", shots, "-o", folder)
 
 
 def test_pattern_is_determined_without_the_option(run, shots):

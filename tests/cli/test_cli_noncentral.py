@@ -129,7 +129,7 @@ def test_view_accepts_a_distance(run, rays_file, tmp_path):
 
 @pytest.mark.parametrize(
     ("distance", "message"),
-    [("1", "has no unit"), ("-1m", "cannot read the length"), ("nonsense", "cannot read the length")],
+    [("1", "has no unit"), ("-1m", "must be positive"), ("nonsense", "cannot read the length")],
 )
 def test_an_invalid_distance_is_rejected(run, rays_file, distance, message):
     status, _, err = run("convert", rays_file, "--to", "opencv", f"--distance={distance}")

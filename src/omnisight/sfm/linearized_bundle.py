@@ -319,10 +319,14 @@ class LinearizedBundle:
 
 
 def _sandwich_variances(factor: MultifrontalFactor, gradients: csr_array) -> Array:
-    """Return the diagonal (C,) of A^-1 G G^T A^-1 for gradients G (C, N)."""
+    """Return the diagonal (C,) of A^-1 G G^T A^-1 for gradients G (C, N).
+
+    It is that of A^-1 for parameters that the observations hardly determine, whose gradients are those of rounding.
+    """
     if (count := factor.pattern.size) <= MAX_EXACT_COLUMNS:
-        inverse = factor.solve(np.eye(count))
-        return (((gradients @ gradients.T) @ inverse) * inverse).sum(axis=0)
+        inverse, squares = factor.solve(np.eye(count)), gradients @ gradients.T
+        variances, rounding = (((m @ x) * x).sum(axis=0) for m, x in ((squares, inverse), (abs(squares), abs(inverse))))
+        return np.where(variances > np.finfo(float).eps * rounding, variances, inverse.diagonal())
     by_part, rng, squares = gradients.tocsc(), np.random.default_rng(0), np.zeros(count)
     for _ in range(PROBES // PROBES_AT_ONCE):
         signs = rng.choice((-1.0, 1.0), (len(by_part.indptr) - 1, PROBES_AT_ONCE))
