@@ -9,7 +9,7 @@ import pytest
 
 from omnisight.cache import MAX_COMPILED_FOLDERS
 from omnisight.compilation import watch_compilation
-from omnisight.compiled import cached_njit
+from omnisight.compiled import cached_njit, njit_helper
 
 LOOPS = """
 import os, sys, threading
@@ -111,3 +111,17 @@ def test_the_start_and_the_end_of_a_compilation_are_reported(tmp_path):
     assert name == "twice"
     assert seconds > 0
     assert call() == []  # loaded from the folder
+
+
+def test_python_cannot_call_a_helper_before_or_after_its_compilation(tmp_path):
+    @njit_helper
+    def square(x):
+        return x * x
+
+    def fourth(x):
+        return square(square(x))
+
+    for _ in range(2):
+        with pytest.raises(TypeError, match="only compiled functions can call square"):
+            square(2.0)
+        assert cached_njit(fourth, tmp_path)(2.0) == 16.0

@@ -2,13 +2,17 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
-from omnisight.optim._eigen_kernel import solve_least_norm, symmetric_eigen
+from omnisight.optim import _eigen_kernel as kernel
+
+solve_least_norm = njit(lambda matrix, right: kernel.solve_least_norm(matrix, right))
 
 
+@njit
 def eigen(matrix):
     values, vectors = np.empty(len(matrix)), np.empty(matrix.shape)
-    symmetric_eigen(np.array(matrix, float), values, vectors)
+    kernel.symmetric_eigen(matrix.copy(), values, vectors)
     return values, vectors
 
 

@@ -2,13 +2,19 @@
 
 import numpy as np
 import pytest
+from numba import njit
 
 from omnisight.optim._polynomial_kernel import real_roots
 
 
-def found_roots(coefficients):
+@njit
+def roots_of(coefficients):
     roots = np.empty(len(coefficients) - 1)
-    return np.sort(roots[: real_roots(np.asarray(coefficients, float), roots)])
+    return roots[: real_roots(coefficients, roots)]
+
+
+def found_roots(coefficients):
+    return np.sort(roots_of(np.asarray(coefficients, float)))
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 8, 10])

@@ -46,15 +46,35 @@ def _import_without_scipy() -> None:
 
 _import_without_scipy()
 
-# Divisions by zero return inf, as in numpy.
-NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
-
 # numba's own annotations of this class are wrong.
 LocatorBase: Any = CacheLocator
 
-njit_helper = numba.njit(**NJIT_OPTIONS)
-# For small functions in hot loops, whose arguments (arrays have seven words each) would cost more than their work.
-njit_inlined = numba.njit(**NJIT_OPTIONS, forceinline=True)
+# Divisions by zero return inf, as in numpy. No compiled function is called from C.
+NJIT_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+
+
+def njit_helper(function: Callable[..., Any], **options: Any) -> Any:
+    """Compile a function that only compiled functions call, with options of numba.
+
+    It has no wrapper for calls from Python, which would be a tenth of its compilation.
+    """
+    options |= NJIT_OPTIONS | {"no_cpython_wrapper": True}
+    dispatcher: Any = numba.njit(**options)(function)
+
+    def add_overload(result: Any) -> None:
+        dispatcher.overloads[tuple(result.signature.args)] = result
+
+    def refuse(*arguments: Any) -> None:
+        raise TypeError(f"only compiled functions can call {function.__name__}; use njit_driver")
+
+    # numba's own method enters the missing wrapper in the table of the functions that Python can call.
+    dispatcher.add_overload, dispatcher._compile_for_args = add_overload, refuse
+    return dispatcher
+
+
+def njit_inlined(function: Callable[..., Any]) -> Any:
+    """Compile a small helper for hot loops; its arguments (an array has seven words) would cost more than its work."""
+    return njit_helper(function, forceinline=True)
 
 
 # For loops that make no arrays: without reference counts, which are atomic operations for each array argument of each

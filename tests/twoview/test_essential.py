@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from motions import general_motion
+from numba import njit
 
 from omnisight.geometry.rotation import hat
 from omnisight.twoview._essential_kernel import poses_from_essential
 
 
+@njit
 def decompose(e, a, b):
     poses = np.empty((1, 3, 4))
     return poses[: poses_from_essential(e, a, b, poses)]

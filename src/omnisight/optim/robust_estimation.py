@@ -158,7 +158,7 @@ def _alternative_reason(problem: Any, model: Array, options: RansacOptions) -> s
     least = sample_size + _least_support(support - sample_size)
     if len(others[0]) < least:
         return ""
-    needed = samples_needed(least / len(others[0]), sample_size, ALTERNATIVE_CONFIDENCE)
+    needed = samples_needed.py_func(least / len(others[0]), sample_size, ALTERNATIVE_CONFIDENCE)
     search = replace(options, max_iterations=min(needed, MAX_ALTERNATIVE_ITERATIONS))
     alternative = ransac(others, threshold, search).model
     agreeing = int((squared_errors(others, alternative) <= threshold).sum())
