@@ -54,6 +54,14 @@ class Far(Scene):
         return 60 * super().distances(rng, bearings)
 
 
+class DistantPlane(Scene):
+    """Points of a plane 12 baselines away."""
+
+    def distances(self, rng, bearings):
+        along = bearings @ unit(np.array([0.2, 0.3, 1.0]))
+        return np.where(along > 0.1, 12 / along, np.nan)[:, None]
+
+
 KINDS = {"general": Scene, "rotation only": Rotation, "planar motion": Planar, "dominant plane": Plane}
 
 
@@ -149,6 +157,21 @@ def test_distant_points_of_a_narrow_field_leave_the_direction_unknown():
     for seed in range(10):
         a, b, *_ = Far(60, 0.0).pairs(seed)
         assert om.relative_pose(a, b).motion.name in ("rotation only", "insufficient parallax")
+
+
+def test_a_plane_with_little_parallax_has_a_true_covariance():
+    """Its homography determines the pose, while the epipolar geometry alone has distant local optima."""
+    steps, covariances, names = [], [], Counter()
+    for seed in range(60):
+        a, b, pose, _ = DistantPlane(60, 0.3, 0.2, count=500).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.2)
+        names[found.motion.name] += 1
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+    assert names["insufficient parallax"] > 20
+    assert names["insufficient parallax"] + names["dominant plane"] == 60
+    # The mean of 60 chi-squared variables of five degrees of freedom has the standard deviation 0.08.
+    assert 0.75 < normalized_squares(steps, covariances, 5).mean() < 1.25
 
 
 def test_unrelated_pairs_do_not_overlap():

@@ -24,6 +24,11 @@ def test_the_pose_is_found_in_any_field_of_view(fov_deg, outliers):
     assert np.median(errors, axis=0)[1] < (0.3 if fov_deg < 150 else 0.15)
 
 
+class Forward(Scene):
+    def motion(self, rng):
+        return om.Pose(super().motion(rng).rotation, unit(rng.normal(size=3) * 0.1 - [0, 0, 1]))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", [Scene(120), Scene(190), Scene(360, 0.5, 0.2)], ids=str)
 @pytest.mark.parametrize("is_known", [True, False])
@@ -38,6 +43,15 @@ def test_covariance_is_that_of_the_errors(scene, is_known):
     # The mean of 200 chi-squared variables of five degrees of freedom has the standard deviation 0.045.
     assert 0.85 < normalized_squares(steps, covariances, 5).mean() < 1.15
     assert np.mean(sigmas) == pytest.approx(scene.sigma_deg, rel=0.02)
+
+
+def test_outliers_do_not_leave_the_direction_of_a_forward_motion_unknown():
+    """Wrong pairs that agree by chance mostly have distances at which no other pairs agree."""
+    for seed in range(100):
+        a, b, pose, _ = Forward(60, 0.7, 0.1, count=500).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.1)
+        assert found.motion.name == "general", seed
+        assert errors_deg(found.b_from_a, pose)[1] < 2
 
 
 def test_covariances_of_bearings_weight_the_pairs():

@@ -33,7 +33,10 @@ class RelativePoseProblem(NamedTuple):
     """Pairs of bearings of two cameras.
 
     A step is a rotation vector in frame b, and two components of the translation along `perpendiculars` of it. The
-    share of outliers depends on the parallax, since that of unrelated bearings is large.
+    share of outliers depends on the distance of the point, since unrelated bearings mostly meet near the cameras. The
+    feature is the inverse of its square: the squared parallax over the squared sines of the angles to the translation,
+    without noise. For forward motion in 60 degrees with 70 % outliers, the squared error of the pose was 1.63 of its
+    covariance with shares that depend on the parallax alone, and 1.36 with these.
 
     Attributes
     ----------
@@ -101,8 +104,9 @@ class RelativePoseProblem(NamedTuple):
 
     @staticmethod
     def feature(problem, model, i):
-        p, q = times(model, problem.a[i]), problem.b[i]
-        return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
+        p, q, t = times(model, problem.a[i]), problem.b[i], (model[0, 3], model[1, 3], model[2, 3])
+        m, n = cross(t, p), cross(t, q)
+        return _squared_chord(p, q) / max(dot(m, m) + dot(n, n), 1e-300)
 
     @staticmethod
     def retract(problem, model, step):
@@ -123,5 +127,9 @@ def _is_behind(p, q, m, n, variance):
     the parallax, and 2 for opposite bearings, whose c is zero.
     """
     c = cross(p, q)
-    squared_chord = (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
-    return ((dot(n, c) > 0.0) | (dot(m, c) > 0.0)) & (squared_chord > MIN_SQUARED_PARALLAX * variance)
+    return ((dot(n, c) > 0.0) | (dot(m, c) > 0.0)) & (_squared_chord(p, q) > MIN_SQUARED_PARALLAX * variance)
+
+
+@njit_helper
+def _squared_chord(p, q):
+    return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2

@@ -61,6 +61,9 @@ class MotionModel(Displayed):
 class MotionSelection:
     """The motion model, with the rotation or the homography (3, 4) if it is the best.
 
+    With insufficient parallax, a homography determines the pose more precisely than an epipolar geometry if it explains
+    the pairs as well: it is then that of a plane, or of distant points.
+
     The covariance of the pose decides what a general motion is, see `pose_motion`.
     """
 
@@ -112,14 +115,14 @@ def select_motion(
             return found
     parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
     ratio = float(np.sqrt(parallax.mean()))
+    name, figure = "general", f"rms parallax {ratio:.1f} times its noise"
+    plane = homography if criteria["dominant plane"] < criteria["general"] else None
     if ratio < MIN_PARALLAX_RATIO:
-        return MotionSelection(MotionModel("insufficient parallax", f"rms parallax {ratio:.1f} times its noise"))
-    if criteria["dominant plane"] < criteria["general"]:
+        name = "insufficient parallax"
+    elif plane is not None:
         share = np.mean(squares_of_plane <= THRESHOLDS[2])
-        return MotionSelection(
-            MotionModel("dominant plane", f"{share:.0%} of the inliers are on one plane"), None, homography
-        )
-    return MotionSelection(MotionModel("general", f"rms parallax {ratio:.1f} times its noise"))
+        name, figure = "dominant plane", f"{share:.0%} of the inliers are on one plane"
+    return MotionSelection(MotionModel(name, figure), homography=plane)
 
 
 def pose_motion(model: Array, covariance: Array) -> MotionModel:
