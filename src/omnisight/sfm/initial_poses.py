@@ -63,23 +63,16 @@ def initial_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -
     images
         The images.
     """
-    contradicted = set[tuple[int, int]]()
-    frames, edges = largest_component(graph.edges, images)
-    is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
-    averaged = average_rotations(
-        len(frames), relative_rotations(frames, replace(graph, edges=_select(edges, is_moving)), images)
-    )
-    is_consistent = ~is_moving
-    is_consistent[is_moving] = averaged.is_consistent
-    every, edges = edges, _select(edges, is_consistent)
+    contradicted, edges = set[tuple[int, int]](), graph.edges
     while edges:
-        placed = _place(frames, averaged.rig_from_world, replace(graph, edges=edges), points, images)
+        placed = _place(replace(graph, edges=edges), points, images)
         wrong = placed.contradicted_pairs(images, graph)
         if not wrong:
             return InitialPoses(placed.frames, placed.rig_from_world, frozenset(contradicted))
+        # Edges that did not agree with the wrong ones may be right, so that rotations are averaged again.
         contradicted |= wrong
         edges = [edge for edge in edges if edge.images not in wrong]
-    return InitialPoses(frames[:0], np.zeros((0, 3, 4)), frozenset(edge.images for edge in every))
+    return InitialPoses(np.zeros(0, np.intp), np.zeros((0, 3, 4)), frozenset(contradicted))
 
 
 def panorama_poses(graph: ViewGraph, images: RigImages) -> InitialPoses:
@@ -135,11 +128,10 @@ class _Placement:
         return {edge.images for edge in _select(edges, contradicted_links(len(self.frames), links, without))}
 
 
-def _place(
-    frames: Indices, rotations: Array, graph: ViewGraph, points: PointDistances, images: RigImages
-) -> _Placement:
-    """Average the positions of the largest part of a view graph whose rotations (F, 3, 3) are known."""
-    _, edges = largest_component(graph.edges, images)
+def _place(graph: ViewGraph, points: PointDistances, images: RigImages) -> _Placement:
+    """Average the rotations, and then the positions, of the largest parts of a view graph."""
+    frames, rotations, consistent = _average_rotations(graph, images)
+    _, edges = largest_component(consistent, images)
     distances, table = points.of(edges), points.table(edges)
     log_scales, log_sigma, component = average_log_scales(table)
     use = np.flatnonzero(component == np.bincount(component).argmax())
@@ -159,6 +151,19 @@ def _place(
     translations = -np.einsum("nij,nj->ni", of_frame, positions)
     poses = np.concatenate([of_frame, translations[:, :, None]], axis=2)
     return _Placement(placed, poses, _select(edges, agrees), known)
+
+
+def _average_rotations(graph: ViewGraph, images: RigImages) -> tuple[Indices, Array, list[Edge]]:
+    """Return the frames (F,) of the largest part of a view graph, their rotations (F, 3, 3), and agreeing edges."""
+    frames, edges = largest_component(graph.edges, images)
+    is_moving = np.array([images.frame[edge.a] != images.frame[edge.b] for edge in edges])
+    if not is_moving.any():
+        return frames, np.eye(3)[None], edges
+    moving = replace(graph, edges=_select(edges, is_moving))
+    averaged = average_rotations(len(frames), relative_rotations(frames, moving, images))
+    is_consistent = ~is_moving
+    is_consistent[is_moving] = averaged.is_consistent
+    return frames, averaged.rig_from_world, _select(edges, is_consistent)
 
 
 def relative_rotations(frames: Indices, graph: ViewGraph, images: RigImages) -> RelativeRotations:
