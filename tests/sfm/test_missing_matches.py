@@ -7,7 +7,9 @@ import numpy as np
 
 from omnisight.features.keypoints import concatenate
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.rotation import exp
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
+from omnisight.sfm.initial_poses import initial_poses
 from omnisight.sfm.mapping import map_images
 from omnisight.sfm.missing_matches import (
     MIN_SUPPORT,
@@ -22,18 +24,18 @@ from omnisight.sfm.missing_matches import (
 )
 from omnisight.sfm.rig_images import RigImages
 from omnisight.sfm.scale_averaging import PointDistances
-from omnisight.sfm.view_graph import match_pairs
+from omnisight.sfm.view_graph import ViewGraph, match_pair, match_pairs
 from sfm.worlds import observe, similarity_errors, unit
 
 APART = np.array([14.0, 0.0, 0.0])
 IN_ROOM_A, IN_ROOM_B = range(4), range(4, 8)
 
 
-def two_rooms(seed=0, has_landscape=True):
+def two_rooms(seed=0, has_landscape=True, turn=(0.0, 0.0, 0.0)):
     """Return the keypoints and poses of four images of each of two rooms, and of one in the door between them.
 
-    Furniture is the same in both rooms, walls are not. The image in the door sees the walls of both rooms, and parts of
-    a landscape that the other images see too.
+    Furniture is the same in both rooms, but turned by a rotation vector, and walls are not. The image in the door sees
+    the walls of both rooms, and parts of a landscape that the other images see too.
     """
     rng = np.random.default_rng(seed)
 
@@ -43,7 +45,7 @@ def two_rooms(seed=0, has_landscape=True):
     furniture, walls, others = points(60), points(500), points(500)
     centers = np.concatenate([rng.uniform(-0.5, 0.5, (4, 3)), rng.uniform(-0.5, 0.5, (4, 3)) + APART, [APART / 2]])
     poses = [Pose(np.eye(3), -center) for center in centers]
-    parts = furniture, walls, furniture + APART, others + APART, 3 * points(40) + APART / 2
+    parts = furniture, walls, furniture @ exp(np.array(turn)).T + APART, others + APART, 3 * points(40) + APART / 2
     seen = [observe(poses, part, 0.05, seed=k + 10) for k, part in enumerate(parts)]
     for first, copy in zip(seen[0], seen[2], strict=True):  # the same furniture looks the same
         copy.descriptors[np.argsort(_point_of(copy, furniture, 12))] = first.descriptors[
@@ -107,6 +109,24 @@ def test_rooms_that_only_furniture_connects_are_two_models():
     for found in maps:
         positions, _ = similarity_errors(found.rig_from_world, [poses[i] for i in found.frames])
         assert positions.max() < 0.02
+
+
+def test_edges_that_only_contradicted_ones_disagree_with_are_used():
+    """The wrong edges of the furniture are more than the true ones of the landscape, and agree with each other."""
+    keypoints, poses = (each[:8] for each in two_rooms(turn=(0.0, 1.0, 0.0)))
+    graph = matched(keypoints)
+    inside = [edge for edge in graph.edges if (edge.a in IN_ROOM_A) == (edge.b in IN_ROOM_A)]
+    wrong = [edge for edge in graph.edges if edge not in inside]
+    true = [match_pair(keypoints, edge.a, edge.b, without=edge.pairs) for edge in wrong if edge.a == 0]
+    wrong = [edge for edge in wrong if edge.a != 0]
+    assert sum(len(edge.pairs) for edge in wrong) > 3 * sum(len(edge.pairs) for edge in true)
+    mixed = ViewGraph([*inside, *wrong, *true], graph.compared)
+    placed = initial_poses(mixed, PointDistances(keypoints), RigImages.of(keypoints))
+    assert placed.frames.tolist() == list(range(8))
+    assert placed.contradicted == {edge.images for edge in wrong}
+    positions, rotations = similarity_errors(placed.rig_from_world, poses)
+    assert positions.max() < 0.1
+    assert rotations.max() < 0.2
 
 
 def test_a_pair_without_matches_contradicts_the_edge_that_places_it():
