@@ -1,7 +1,7 @@
 """Rigs with exact board corners, noise and outliers: truth for the calibration of rigs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -176,7 +176,8 @@ def mixed() -> Rig:
         (1280, 720),
         theta_max=np.radians(50),
     )
-    mirror = model_class("ocam").example()
+    # With e = 0 the frame of the camera is that of a calibration: e is equivalent to a rotation.
+    mirror = replace(model_class("ocam").example(), e=0.0)
     size = (round(2 * mirror.to_dict()["cx"]), round(2 * mirror.to_dict()["cy"]))
     wide = Camera(mirror, size, theta_max=np.radians(95))
     fisheye = _fisheye(960, 720, 170.0)
