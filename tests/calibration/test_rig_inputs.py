@@ -111,6 +111,7 @@ def test_a_board_that_moves_between_exposures_is_reported():
     calibration = om.calibrate_rig(observe(rig, {"left": poses, "right": shaken}), FISHEYE)
     motion = calibration.estimate.problem.motion
     assert motion is not None
+    assert calibration.estimate.move is None
     (reason,) = [reason for reason in calibration.reasons if "moved by about" in reason]
     assert "or their models are not exact" in reason
     assert "specify --times" in reason
@@ -135,6 +136,23 @@ def test_a_camera_that_moved_is_named_with_its_image(step):
     assert move.after in calibration.reasons[0]
 
 
+@pytest.mark.parametrize("step", [(0.003, 0.004, 0, 0.001, 0, 0.002), (0.003, 0.004, 0, 0, 0, 0)], ids=["both", "turn"])
+def test_a_slight_move_is_no_motion_of_the_board(step):
+    true = rig_scene("stereo")
+    moved = with_moved_camera(true, true.observe(np.random.default_rng(3)), "right", 10, np.array(step))
+    calibration = om.calibrate_rig(moved, FISHEYE)
+    move = calibration.estimate.move
+    assert str(calibration.verdict) == "do not use"
+    assert (move.before, move.after) == ("0009.png", "0010.png")
+    assert move.angle == pytest.approx(np.linalg.norm(step[:3]), rel=0.2)
+    assert move.distance == pytest.approx(np.linalg.norm(step[3:]), abs=4e-4)
+    assert not any("The board moved by about" in reason for reason in calibration.reasons)
+    # One side of the move determines the extrinsics.
+    after = dataclasses.replace(true.rig, sensor_from_rig=(om.Pose(), true.rig.sensor_from_rig[1].moved(step)))
+    errors = [np.ravel(pose_errors(calibration.rig, rig)) for rig in (true.rig, after)]
+    assert (np.min(errors, axis=0) < MAX_SIGMAS * np.array(calibration.sigmas("right"))).all()
+
+
 def test_images_that_are_not_simultaneous_are_refused():
     observations = rig_scene("chain").observe(np.random.default_rng(3))
     shifted = {**observations, "right": renamed(observations["right"], 1)}
@@ -151,7 +169,7 @@ def test_one_image_that_is_not_simultaneous_is_named():
     names = list(right.names)
     names[4], names[5] = names[5], names[4]
     calibration = om.calibrate_rig({**observations, "right": dataclasses.replace(right, names=tuple(names))}, FISHEYE)
-    (reason,) = [r for r in calibration.reasons if "contradict" in r]
+    (reason,) = [r for r in (*calibration.reasons, *calibration.notes) if "contradict" in r]
     assert names[4] in reason
     assert names[5] in reason
     assert_within_uncertainty(calibration, true.rig)

@@ -78,6 +78,8 @@ class Move(Displayed):
         Distance it moved, in the unit of the board.
     angle
         Angle it rotated by, radians.
+    groups
+        (K,) the groups, as in `Deviations`, of its images before or after: of the side that shares fewer groups.
     """
 
     kind: Kind
@@ -86,6 +88,7 @@ class Move(Displayed):
     after: str
     distance: float
     angle: float
+    groups: Indices
 
 
 @dataclass(eq=False)
@@ -220,7 +223,12 @@ def scatter(all_deviations: Sequence[Deviations]) -> float:
     Errors of the corners of one image are correlated: a flexing board and blur move many of them together.
     """
     squares = np.concatenate([np.zeros(0), *(d.chi_square for d in all_deviations)])
-    return max(float(np.median(squares) / chdtri(POSE_DOF, 0.5)), 1.0) if len(squares) else 1.0
+    return _inflation(squares) if len(squares) else 1.0
+
+
+def _inflation(squares: Array) -> float:
+    """Return the robust ratio of squared distances to those of corner noise; at least 1."""
+    return max(float(np.median(squares) / chdtri(POSE_DOF, 0.5)), 1.0)
 
 
 def contradicting_units(
@@ -270,24 +278,50 @@ def find_move(all_deviations: Sequence[Deviations], inflation: float) -> Move | 
     """Return the camera or board that moved between two of its images, and where; None if none did.
 
     Each is divided into the images before and after every one of them. A division counts if on both sides at least
-    `MIN_VIEWS_EACH_SIDE` images agree with the pose of their side and contradict that of the other; the division with
-    most such images is reported.
+    `MIN_VIEWS_EACH_SIDE` images agree with the pose of their side and contradict that of the other, relative to the
+    scatter about both poses: a motion of the board between the exposures scatters as much about two poses as about one.
+    The division that explains the images best is reported, by the decrease of a robust cost; so a camera that did not
+    move, but is compared with one that did, is not.
     """
-    limit = contradiction_limit(inflation)
-    best: tuple[int, Move] | None = None
+    best: tuple[float, Move] | None = None
     for deviation in all_deviations:
-        for k in range(MIN_VIEWS_EACH_SIDE, len(deviation.groups) - MIN_VIEWS_EACH_SIDE + 1):
+        count, scale = len(deviation.groups), contradiction_limit(inflation)
+        if count < 2 * MIN_VIEWS_EACH_SIDE:
+            continue
+        mean = robust_mean(deviation.steps, deviation.information, scale)
+        undivided = _robust_cost(squared_distances(deviation.steps, mean, deviation.information))
+        for k in range(MIN_VIEWS_EACH_SIDE, count - MIN_VIEWS_EACH_SIDE + 1):
             sides = slice(0, k), slice(k, None)
-            first, second = (robust_mean(deviation.steps[s], deviation.information[s], limit) for s in sides)
-            near_first, near_second = (
-                squared_distances(deviation.steps, mean, deviation.information) <= limit for mean in (first, second)
+            first, second = (robust_mean(deviation.steps[s], deviation.information[s], scale) for s in sides)
+            from_first, from_second = (
+                squared_distances(deviation.steps, pose, deviation.information) for pose in (first, second)
             )
-            before, after = (near_first & ~near_second)[:k].sum(), (near_second & ~near_first)[k:].sum()
-            moved = (near_first & ~near_second)[k:].sum() + (near_second & ~near_first)[:k].sum()
-            score = int(before + after - 2 * moved)
-            if min(before, after) >= MIN_VIEWS_EACH_SIDE and score > (best[0] if best else 0):
+            own = np.concatenate([from_first[:k], from_second[k:]])
+            other = np.concatenate([from_second[:k], from_first[k:]])
+            # Both poses are estimated from these images.
+            limit = contradiction_limit(_inflation(own * count / (count - 2)))
+            clear = (own <= limit) & (other > limit)
+            score = undivided - _robust_cost(own)
+            if min(clear[:k].sum(), clear[k:].sum()) >= MIN_VIEWS_EACH_SIDE and score > (best[0] if best else 0.0):
                 step = second - first
                 names = deviation.names[k - 1], deviation.names[k]
                 length, angle = float(np.linalg.norm(step[3:])), float(np.linalg.norm(step[:3]))
-                best = score, Move(deviation.kind, deviation.index, *names, length, angle)
+                fewer = deviation.groups[min(sides, key=lambda side: int(deviation.joined[side].sum()))]
+                best = score, Move(deviation.kind, deviation.index, *names, length, angle, fewer)
     return best[1] if best else None
+
+
+def _robust_cost(squares: Array) -> float:
+    """Return the Cauchy cost of squared distances relative to the covariances of poses."""
+    return float(np.log1p(squares / POSE_DOF).sum())
+
+
+def with_moved_unit(together: RigObservations, units: Sequence[Indices], move: Move) -> list[Indices]:
+    """Return the units of `contradicting_units` with the images on one side of a move separated from their groups."""
+    unit = together.unit_of(move.kind, move.index)
+    return [
+        np.where(np.isin(part.group, move.groups), unit, own)
+        if unit == together.unit_of(move.kind, part.camera if move.kind == "camera" else part.board)
+        else own
+        for part, own in zip(together.parts, units, strict=True)
+    ]

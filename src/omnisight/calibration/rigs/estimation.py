@@ -14,6 +14,7 @@ from omnisight.calibration.rigs.consistency import (
     deviations,
     find_move,
     scatter,
+    with_moved_unit,
 )
 from omnisight.calibration.rigs.covariance import RigCovariance, rig_covariance
 from omnisight.calibration.rigs.initial_rig import InitialRig, initial_rig, relative_poses, spanning_tree
@@ -21,7 +22,7 @@ from omnisight.calibration.rigs.mirror_images import find_mirrored_pairs, mirror
 from omnisight.calibration.rigs.no_overlap import connect_by_motion, with_own_boards
 from omnisight.calibration.rigs.observations import AGREES, RigObservations
 from omnisight.calibration.rigs.poses import Poses
-from omnisight.calibration.rigs.refinement import refine_robustly
+from omnisight.calibration.rigs.refinement import MIN_MOTION_SCATTER, refine_at_rest, refine_with_motion
 from omnisight.calibration.rigs.relative_poses import Pair, PairPose
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.rigid_sets import RigidSets, rigid_sets
@@ -32,6 +33,7 @@ from omnisight.display import Displayed
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 # Standard deviations above which a time offset is significant.
 OFFSET_SIGMAS = 3.0
@@ -156,25 +158,43 @@ def estimate_rig(
     """
     initial, rigid, free_parameters, pairs, tree = _connected(observations, states, free_parameters, symmetric)
     together, units, state = initial.observations, list(initial.units), initial.state
-    rounds = 0
+    rounds, moved = 0, None
     while True:
         separated, rounds = together.split(units), rounds + 1
         start = _with_own_groups(state, together, separated, initial.states)
-        problem, state = refine_robustly(start, separated, together, free_parameters)
+        problem, state = refine_at_rest(start, separated, free_parameters)
         found = deviations(problem, state, together)
-        inflation = scatter(found)
-        before, units = units, contradicting_units(together, units, found, inflation)
-        unchanged = all(np.array_equal(a, b) for a, b in zip(before, units, strict=True))
-        if unchanged or rounds == MAX_CONSISTENCY_ROUNDS:
+        inflation, before = scatter(found), units
+        if inflation > MIN_MOTION_SCATTER:
+            # One move of a camera is a simpler cause than a motion of the board in each image.
+            moved = moved or find_move(found, inflation)
+        units = _without_move(together, units, moved)
+        if _are_equal(before, units):  # otherwise images on both sides of the move contradict the mean of both poses
+            if inflation > MIN_MOTION_SCATTER:
+                problem, state = refine_with_motion(start, separated, together, free_parameters)
+                found = deviations(problem, state, together)
+                inflation = scatter(found)
+            units = _without_move(together, contradicting_units(together, units, found, inflation), moved)
+        if _are_equal(before, units) or rounds == MAX_CONSISTENCY_ROUNDS:
             break
         original = np.arange(len(separated.groups)) < len(together.groups)
         state = replace(state.of_groups(separated, original), motion=None)
     # Motions of the board that repeat in successive images are not independent samples.
     covariance = rig_covariance(problem, state, at_least=inflation if problem.motion else 1.0)
-    move = find_move(found, inflation)
+    move = find_move(found, inflation) or moved
     return RigEstimate(
         separated, together, rigid, problem, state, covariance, pairs, tuple(tree), found, inflation, move
     )
+
+
+def _without_move(together: RigObservations, units: Sequence[Indices], move: Move | None) -> list[Indices]:
+    """Return the units of the views with those on one side of a move separated from their groups."""
+    return list(units) if move is None else with_moved_unit(together, units, move)
+
+
+def _are_equal(units: Sequence[Indices], others: Sequence[Indices]) -> bool:
+    """Return whether the same views are separated."""
+    return all(np.array_equal(a, b) for a, b in zip(units, others, strict=True))
 
 
 def _connected(

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 
 from omnisight.calibration.rigs.board_motion import BoardMotion
 from omnisight.calibration.rigs.bundle import RigBundle, pose_groups, refine_rig
-from omnisight.calibration.rigs.consistency import Deviations, deviations, scatter
+from omnisight.calibration.rigs.consistency import Deviations, deviations
 from omnisight.calibration.rigs.observations import RigObservations
 from omnisight.calibration.rigs.rig_free_parameters import RigFreeParameters
 from omnisight.calibration.rigs.state import RigState
@@ -27,14 +27,26 @@ MOTION_ROUNDS = 3
 COMPONENTS = 3
 
 
-def refine_robustly(
+def refine_at_rest(
+    start: RigState, observations: RigObservations, free_parameters: RigFreeParameters
+) -> tuple[RigBundle, RigState]:
+    """Refine a rig without outliers and with boards at rest, and return the problem and its minimum.
+
+    Parameters
+    ----------
+    start, observations, free_parameters
+        As in `refine_with_motion`.
+    """
+    return _without_outliers(_with_velocities(start, observations), observations, free_parameters)
+
+
+def refine_with_motion(
     start: RigState, observations: RigObservations, together: RigObservations, free_parameters: RigFreeParameters
 ) -> tuple[RigBundle, RigState]:
-    """Refine a rig, and return the problem and its minimum.
+    """Refine a rig with a motion of the board in each view, and return the problem and its minimum.
 
-    If the views deviate from the extrinsics more than corner noise explains, the rig is refined again with a motion of
-    the board in each view: first only the extrinsics, with the cameras as calibrated alone, which no motion of the
-    board between exposures disturbs.
+    First only the extrinsics, with the cameras as calibrated alone, which no motion of the board between exposures
+    disturbs.
 
     Parameters
     ----------
@@ -47,10 +59,6 @@ def refine_robustly(
     free_parameters
         What is estimated.
     """
-    problem, state = _without_outliers(_with_velocities(start, observations), observations, free_parameters)
-    found = deviations(problem, state, together)
-    if scatter(found) <= MIN_MOTION_SCATTER:
-        return problem, state
     poses = free_parameters.poses_only()
     state = refine_rig(start, observations, poses, tolerance=COMPARISON_TOLERANCE).state
     state = _with_velocities(state, observations)

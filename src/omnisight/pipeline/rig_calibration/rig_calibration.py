@@ -73,14 +73,15 @@ class RigCalibration(Displayed):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on the images: other sizes, copies, mirrored markers."""
-        return tuple(
+        """Notes on the images: other sizes, copies, mirrored markers, and the few that contradict a good rig."""
+        of_images = [
             f"{camera.name}: {note}"
             for camera in self.cameras
             for views in camera.boards.values()
             if views.detections is not None
             for note in views.detections.notes
-        )
+        ]
+        return (*of_images, *self.verdict.remarks)
 
     @cached_property
     def lengths(self) -> list[Array]:
