@@ -5,6 +5,7 @@ import json
 import numpy as np
 
 from omnisight.formats import load_rig, save
+from omnisight.images import write_image
 from omnisight.simulation.example_rigs import back_to_back, surround_car
 
 
@@ -106,3 +107,25 @@ def test_inspect_prints_why_the_poses_were_not_read(run, tmp_path):
     assert status == 0
     assert "poses not read" in out
     assert "neither T_cn_cnm1 nor T_cam_imu" in out
+
+
+def test_the_advice_names_the_option_of_the_file_with_several_cameras(refuses, tmp_path):
+    rig, camera = save(back_to_back(480), tmp_path / "rig.json").path, tmp_path / "one.json"
+    save(back_to_back(480).cameras[0], camera)
+    image = tmp_path / "image.png"
+    write_image(image, np.full((480, 480), 90, np.uint8))
+    assert "specify one: --name front, in Python" in refuses("compare", rig, camera)
+    assert "specify one: --other-name front, in Python" in refuses("compare", camera, rig)
+    pair = "epipolar", image, image
+    assert "specify one: --name front, in Python" in refuses(*pair, "--camera", rig)
+    assert "specify one: --name-b front, in Python" in refuses(*pair, "--camera", camera, "--camera-b", rig)
+    assert "specify one: in Python" in refuses("evaluate", camera, image, "--compare", rig)
+
+
+def test_epipolar_reads_the_second_camera_of_another_file_without_the_name_of_the_first(refuses, tmp_path):
+    rig, camera = save(back_to_back(480), tmp_path / "rig.json").path, tmp_path / "one.json"
+    save(back_to_back(480).cameras[0], camera)
+    image = tmp_path / "image.png"
+    write_image(image, np.full((480, 480), 90, np.uint8))
+    command = "epipolar", image, image, "--camera", rig, "--name", "front", "--camera-b", camera
+    assert "the images are identical" in refuses(*command)

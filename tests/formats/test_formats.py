@@ -17,7 +17,7 @@ PAIRS = [(f, m) for f in format_names() for m in get_format(f).MODELS]
 REFUSED = [(f, m) for f in format_names() for m in model_names() if m not in get_format(f).MODELS]
 KEEPS_SKEW = {"native", "opencv", "numpy_arrays"}
 NO_K3 = {"kalibr", "camodocal"}
-ONE_FOCAL = {"hugin", "aria"}
+ONE_FOCAL = {"hugin", "aria", "py_omnicalib"}
 WHOLE_SPHERE = {"colmap", "colmap_rig", "opensfm", "nerfstudio", "stella_vslam", "hugin", "metashape"}
 BINARY = {"numpy_arrays"}
 TEXTS = sorted(set(format_names()) - BINARY)
@@ -179,7 +179,7 @@ def test_extreme_numbers_are_refused_or_project_without_warnings(name, model, re
 
 NO_FOCAL_LENGTH = {
     *("native", "ocamcalib", "opensfm", "hugin", "alicevision", "woodscape", "metashape"),
-    *("matlab", "multicol_slam", "py_ocamcalib", "aria", "omnimvs"),
+    *("matlab", "multicol_slam", "py_ocamcalib", "py_omnicalib", "aria", "omnimvs"),
 }
 
 

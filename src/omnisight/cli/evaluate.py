@@ -49,7 +49,7 @@ def evaluate(
 
     files = list({path.resolve(): path for path in [camera, *(compare or [])]}.values())
     cameras = {
-        label: load(path, name=name if path == camera else None)
+        label: load(path, name=name) if path == camera else load(path, option=None)
         for label, path in zip(image_labels(files), files, strict=True)
     }
     if draw is not None:

@@ -36,7 +36,7 @@ def get_format(name: str) -> Format:
     return cast(Format, module_in(PACKAGE, name, "format"))
 
 
-def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
+def load(path: str | Path, *, name: str | None = None, option: str | None = "--name") -> Camera | RayCamera:
     """Read a camera from a calibration file of any format; the content determines the format.
 
     Parameters
@@ -45,6 +45,8 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
         The file.
     name
         The camera to read if the file holds several.
+    option
+        The option of the command line that specifies `name`, which the message then advises; None if there is none.
 
     Raises
     ------
@@ -59,9 +61,9 @@ def load(path: str | Path, *, name: str | None = None) -> Camera | RayCamera:
     if len(cameras) > 1:
         first = next(iter(cameras))
         raise FormatError(
-            f"{path}: holds {len(cameras)} cameras: {_listed(cameras)}; specify one: --name {first}, in Python"
-            f" name={first!r}, or write it to a file of its own: omnisight convert {path} --name {first} --to native"
-            f" -o {first}.json"
+            f"{path}: holds {len(cameras)} cameras: {_listed(cameras)}; specify one:"
+            f"{f' {option} {first},' if option else ''} in Python name={first!r}, or write it to a file of its own:"
+            f" omnisight convert {path} --name {first} --to native -o {first}.json"
         )
     return next(iter(cameras.values()))
 

@@ -215,7 +215,7 @@ def load_body(path: Path) -> Rig:
         return load_rig(path)
     except FormatError as no_rig:
         try:
-            return Rig.from_sensors({path.stem: (load(path), Pose())})
+            return Rig.from_sensors({path.stem: (load(path, option=None), Pose())})
         except FormatError:
             raise no_rig from None
 

@@ -121,7 +121,7 @@ def read_design(path: Path | None) -> RayCamera | None:
     ValueError
         If the file holds a central camera.
     """
-    camera = None if path is None else load(path)
+    camera = None if path is None else load(path, option=None)
     if isinstance(camera, Camera):
         raise ValueError(
             f"{path}: a central camera ({camera.model.name}), which needs no initial values: leave out --start. It is"

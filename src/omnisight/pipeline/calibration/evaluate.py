@@ -69,7 +69,7 @@ def evaluate(
 def _by_name(cameras: Any) -> dict[str, AnyCamera]:
     """Return the cameras by name."""
     if isinstance(cameras, str | PathLike):
-        return {Path(cameras).name: load(Path(cameras))}
+        return {Path(cameras).name: load(Path(cameras), option=None)}
     if isinstance(cameras, Camera | RayCamera):
         return {"camera": cameras}
     if not isinstance(cameras, Mapping) or not all(isinstance(c, Camera | RayCamera) for c in cameras.values()):

@@ -45,5 +45,5 @@ def resect(
         If arrays have the wrong shape or do not hold pixels, directions, finite points and covariances, or the
         calibration file cannot be read.
     """
-    camera = None if camera is None else load_camera(camera)
+    camera = None if camera is None else load_camera(camera, option=None)
     return absolute_pose.resect(points, observed, covariance, sigma_deg, seed, camera=camera)

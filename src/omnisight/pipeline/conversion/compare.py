@@ -40,7 +40,7 @@ def compare(a: AnyCameraSource, b: AnyCameraSource, options: CompareOptions = Co
         If the aspect ratios differ, the cameras have no field of view in common, or a file cannot be read.
     """
     names = _names((a, b), (options.name, options.other_name))
-    cameras = load_camera(a, options.name), load_camera(b, options.other_name)
+    cameras = load_camera(a, options.name), load_camera(b, options.other_name, "--other-name")
     if options.distance is not None and all(isinstance(camera, Camera) for camera in cameras):
         raise ValueError("--distance is for non-central cameras, and both are central: leave it out")
     first, second = (_central(camera, options, name) for camera, name in zip(cameras, names, strict=True))

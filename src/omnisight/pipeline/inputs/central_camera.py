@@ -20,7 +20,12 @@ MAX_ERROR_PX = 1.0  # of the central approximation at its distance
 
 
 def central_camera(
-    source: AnyCameraSource, *, name: str | None = None, distance: str | None = None, accepts_distance: bool = True
+    source: AnyCameraSource,
+    *,
+    name: str | None = None,
+    option: str = "--name",
+    distance: str | None = None,
+    accepts_distance: bool = True,
 ) -> Camera:
     """Return a camera, or that of a calibration file of any format, as a central one.
 
@@ -30,6 +35,8 @@ def central_camera(
         The camera, or its file.
     name
         The camera to read if the file holds several.
+    option
+        The option of the command line that specifies `name`.
     distance
         The distance of the scene from a non-central camera, with its unit: "2m", "20squares" or "inf".
     accepts_distance
@@ -41,11 +48,11 @@ def central_camera(
         If the camera is non-central and `distance` is missing or invalid, or central and `distance` is given.
     """
     label = "the camera" if isinstance(source, Camera | RayCamera) else f"{source}, {name}" if name else str(source)
-    return central_approximation(load_camera(source, name), distance, label, accepts_distance=accepts_distance)
+    return central_approximation(load_camera(source, name, option), distance, label, accepts_distance=accepts_distance)
 
 
-def load_camera(source: AnyCameraSource, name: str | None = None) -> Camera | RayCamera:
-    """Return a camera, or that of a calibration file of any format.
+def load_camera(source: AnyCameraSource, name: str | None = None, option: str | None = "--name") -> Camera | RayCamera:
+    """Return a camera, or that of a calibration file of any format; `option` specifies the name, see `load`.
 
     Raises
     ------
@@ -55,7 +62,7 @@ def load_camera(source: AnyCameraSource, name: str | None = None) -> Camera | Ra
     if isinstance(source, Rig):
         names = ", ".join(source.names)
         raise ValueError(f"a rig of {len(source)} cameras ({names}): pass one of them, such as rig.cameras[0]")
-    return source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name)
+    return source if isinstance(source, Camera | RayCamera) else load(Path(source), name=name, option=option)
 
 
 def load_sensor(path: str | PathLike[str], name: str) -> Camera | RayCamera:
@@ -100,7 +107,13 @@ def central_approximation(
 
 
 def camera_of_image(
-    source: CameraSource | None, size: tuple[int, int], image: str, *, name: str | None, scale: bool
+    source: CameraSource | None,
+    size: tuple[int, int],
+    image: str,
+    *,
+    name: str | None,
+    option: str = "--name",
+    scale: bool,
 ) -> Camera:
     """Return the camera for an image of a size: a given one, that of a file, or without both an equirectangular one.
 
@@ -116,7 +129,7 @@ def camera_of_image(
                 " its calibration file (--camera)"
             )
         return sphere(size[0])
-    camera = central_camera(source, name=name, accepts_distance=False)
+    camera = central_camera(source, name=name, option=option, accepts_distance=False)
     return fit_camera(camera, size, image, scale=scale)
 
 

@@ -237,7 +237,7 @@ def _sensors(source: Path | Sensor | Rig) -> list[tuple[str, Sensor, Pose]]:
         except FormatError:
             if is_rig_file(source):
                 raise
-            source = load(source)
+            source = load(source, option=None)
     if not isinstance(source, Rig):
         return [("", source, Pose())]
     if source.unit != "m" and len(source) > 1:

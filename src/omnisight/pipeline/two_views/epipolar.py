@@ -225,17 +225,23 @@ def _load_photos(
     """Read images, cameras and masks."""
     same_camera = cameras[1] is None and options.name_b is None
     mask_b = options.mask_b or (options.mask if same_camera else None)
-    a = _load_photo(images[0], "first image", cameras[0], options.name, options)
-    b = _load_photo(images[1], "second image", cameras[1] or cameras[0], options.name_b or options.name, options)
+    name_b = options.name_b or (options.name if same_camera else None)
+    a = _load_photo(images[0], "first image", cameras[0], (options.name, "--name"), options)
+    b = _load_photo(images[1], "second image", cameras[1] or cameras[0], (name_b, "--name-b"), options)
     return _with_mask(a, options.mask), _with_mask(b, mask_b)
 
 
 def _load_photo(
-    source: ImageSource, default_label: str, camera: CameraSource | None, name: str | None, options: EpipolarOptions
+    source: ImageSource,
+    default_label: str,
+    camera: CameraSource | None,
+    name_option: tuple[str | None, str],
+    options: EpipolarOptions,
 ) -> Photo:
     label, image = read_source(source, default_label, options.apply_exif)
-    size = image.shape[1], image.shape[0]
-    return Photo(label, image, camera_of_image(camera, size, label, name=name, scale=options.scale_camera), None)
+    size, (name, option) = (image.shape[1], image.shape[0]), name_option
+    fitted = camera_of_image(camera, size, label, name=name, option=option, scale=options.scale_camera)
+    return Photo(label, image, fitted, None)
 
 
 def _with_mask(photo: Photo, mask: Path | None) -> Photo:

@@ -26,7 +26,7 @@ class EpipolarOptions(Options):
     name
         Name of the camera in a file of several, such as a rig.
     name_b
-        Name of the camera of the second image; by default that of the first.
+        Name of the camera of the second image; by default that of the first, if both are in the same file.
     features
         Kind of the keypoints: sift is accurate, orb is fast, xfeat is learned and needs `omnisight[learned]`.
     max_keypoints
