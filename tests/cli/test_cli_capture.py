@@ -1,6 +1,7 @@
 """omnisight capture, of a rendered clip in place of a camera."""
 
 import json
+import re
 import shutil
 import time
 import urllib.error
@@ -159,7 +160,10 @@ def test_wrong_input_is_refused(refuses, run, scene, tmp_path):
     assert "--images must be 3 or more" in refuses(*arguments(scene, "--images", "2"))
     status, _, err = run("capture", scene / "clip.avi", "--pattern", "5x4", "-o", "others")
     assert status == 2
-    assert "no image was stored: 0 of" in err
+    assert re.search(r"no image was stored: 0 of (\d+) frames show the board: show the board \(\1 frames\)", err)
+    assert "--pattern counts inner corners" in err
+    assert not Path("others").exists()
+    assert "contains the images" in refuses("capture", scene, "--target", scene / "board.json", "-o", scene)
 
 
 def test_the_printed_command_is_complete_for_a_folder_with_a_space(run, scene):

@@ -107,6 +107,7 @@ def test_unusable_images_are_left_out_with_a_reason(run, folders):
     assert status == 0
     assert (nearest["color.png"], nearest["large.png"]) == ("r2.png", "r0.png")
     assert set(data["failed"]) == {"uniform.png", "other.png", "broken.png"}
+    assert not any(name in reason for name, reason in data["failed"].items())
     assert "is uniform along its rows" in data["failed"]["uniform.png"]
     assert "is 120x20 px, the first panorama 120x25" in data["failed"]["other.png"]
     assert "left out  uniform.png" in run("compass", images, "--reference", route)[1]

@@ -52,8 +52,11 @@ def test_an_unreadable_image_is_left_out_of_a_reconstruction(run, images, worker
     assert found["images"] == 5
     reasons = {name: why for name, why in found["unregistered"].items() if name in ("+.png", "b.png")}
     assert sorted(reasons) == ["+.png", "b.png"]
-    assert all(re.match(rf"{re.escape(name)}: (truncated|damaged) PNG", why) for name, why in reasons.items())
-    assert f"omnisight: warning: 2 of 5 images cannot be read and are left out, the first is {reasons['+.png']}" in err
+    assert all(re.match(r"(truncated|damaged) PNG", why) for why in reasons.values())
+    assert (
+        f"omnisight: warning: 2 of 5 images cannot be read and are left out, the first is +.png: {reasons['+.png']}"
+        in err
+    )
     assert found["registered"] == 3
 
 

@@ -192,6 +192,17 @@ def test_a_rig_that_contradicts_the_images(run, pair, tmp_path, axis, angle, sta
         assert data["reason"] == data["warning"]
 
 
+def test_images_of_different_times_contradict_the_rig(pair, scene):
+    """The rig moved between the images, across its baseline by 15 % of it: distances off-axis are wrong by as much."""
+    moved = om.Pose(translation=np.array([0.0, 0.0, 0.03])) @ RIGHT_FROM_LEFT
+    late = Renderer(CAMERA, SETUP.world_from_cam @ moved.inverse(), scene, samples=1, theta=SETUP.theta)
+    check = om.stereo(om.read_image(pair / "left.png"), late().image, pair / "rig.json").check
+    assert check.row_px < 1
+    assert check.rotation_deg < 4 * check.rotation_sigma_deg
+    assert check.direction_deg == pytest.approx(np.degrees(np.arctan(0.15)), abs=1.0)
+    assert "the cameras of the rig took both images at the same time" in check.warning
+
+
 def test_images_without_distances(run, pair, tmp_path):
     left, right, rig = pair / "left.png", pair / "right.png", ("--rig", pair / "rig.json")
     assert failure(run, "stereo", left, left, *rig).startswith("the images are identical")

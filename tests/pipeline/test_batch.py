@@ -62,7 +62,7 @@ def test_every_file_has_its_output_and_progress_counts_files(source, tmp_path):
     assert len(written) == 23
     assert written == {name: data for name, data in expected(source).items() if not name.startswith(".")}
     assert (result.images, result.written, result.resumed, result.workers) == (24, 23, 0, 2)
-    assert result.failed == ((str(source / "0" / "refused.png"), "refused.png: refused"),)
+    assert result.failed == ((str(source / "0" / "refused.png"), "refused"),)
     assert seen[0] == (0, 24)
     assert seen[-1] == (24, 24)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)

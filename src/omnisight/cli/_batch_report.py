@@ -16,8 +16,7 @@ def print_batch(result: "BatchResult", output: str) -> None:
     again = f", {result.resumed} of them by earlier runs" if result.resumed else ""
     print(f"images    {result.images}{again}; {result.written} written, {len(result.failed)} failed")
     for path, reason in result.failed[:MAX_FAILED]:
-        name = path.rpartition("/")[2]
-        print(f"          {path}: {reason.removeprefix(f'{name}: ')}")
+        print(f"          {path}: {reason}")
     if len(result.failed) > MAX_FAILED:
         print(f"          and {len(result.failed) - MAX_FAILED} more: see {output}/.omnisight/shards")
     if not result.workers:

@@ -55,6 +55,16 @@ def print_report(result: CaptureResult, output: Path, options: CaptureOptions) -
     print(f"calibrate {shlex.join(['omnisight', 'calibrate', str(output), *board, '-o', 'camera.json'])}")
 
 
+def nothing_stored(result: CaptureResult) -> str:
+    """Return why no image was stored: the number of frames for each advice."""
+    advice = "; ".join(f"{text} ({count} frame{'s' * (count > 1)})" for text, count in result.rejected.items())
+    board = ""
+    if result.searched and not result.found:
+        board = f". Is {result.session.board} the board? --pattern counts inner corners"
+    shown = f"{result.found} of {result.searched} frames show the board"
+    return f"no image was stored: {shown}{f': {advice}' if advice else ''}{board}"
+
+
 def as_json(result: CaptureResult) -> None:
     """Print the result as one JSON object."""
     session = result.session
@@ -64,6 +74,7 @@ def as_json(result: CaptureResult) -> None:
         "searched": result.searched,
         "found": result.found,
         "reason": result.reason,
+        "rejected": dict(result.rejected),
         "coverage": None if coverage is None else coverage.share,
         "missing": "" if coverage is None else coverage.missing(),
         "worst_px": None if proposal is None else proposal.worst.error_px,

@@ -36,8 +36,8 @@ def print_report(result: CompassResult) -> None:
             f"{each.name:<{names}}  {each.nearest:<{nearest}}  {each.heading_deg:+6.1f}°  {each.sigma_deg:4.1f}°"
             f"  {each.similarity:10.2f}"
         )
-    for reason in result.failed.values():
-        print(f"left out  {reason}")
+    for name, reason in result.failed.items():
+        print(f"left out  {name}: {reason}")
     # Without --reference, the first image is the reference of all, and its own heading is zero by definition.
     sigmas = [each.sigma_deg for each in result.headings if not each.is_reference]
     sigma = float(np.median(sigmas)) if sigmas else 0.0

@@ -57,12 +57,13 @@ def run_on_images(
     folder
         The folder of the images.
     """
+    from omnisight.images.collect import folders_with_images
     from omnisight.images.output_paths import check_output_folder
     from omnisight.images.ros_bag import is_bag
     from omnisight.images.video import is_clip
     from omnisight.pipeline.reconstruction.clip_frames import extract_frames
 
-    check_output_folder(output)
+    check_output_folder(output, [images, *(folders_with_images(images) if images.is_dir() else ())])
     has_topic = is_bag(images, options.topic)
     if has_topic and rig is not None:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")

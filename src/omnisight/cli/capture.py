@@ -33,7 +33,7 @@ def capture(
     page
         Show the image, the covered field of view and the next pose in a page for the browser, on this computer only.
     """
-    from omnisight.cli._capture_report import as_json, live_view, print_report
+    from omnisight.cli._capture_report import as_json, live_view, nothing_stored, print_report
     from omnisight.pipeline.calibration.capture import capture as run
 
     if output.exists() and not output.is_dir():
@@ -43,6 +43,6 @@ def capture(
     if is_json():
         as_json(result)
     if not result:
-        raise ValueError(f"{source}: no image was stored: {result.found} of {result.searched} frames show the board")
+        raise ValueError(f"{source}: {nothing_stored(result)}")
     if not is_json():
         print_report(result, output, options)

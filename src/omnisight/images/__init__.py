@@ -11,6 +11,7 @@ from omnisight.images.read import (
     read_bytes,
     read_image,
     readable_images,
+    reason_without_name,
     unreadable_warnings,
 )
 from omnisight.images.video import MAX_FRAMES, Clip, Frame, check_frame_rates
@@ -39,6 +40,7 @@ __all__ = [
     "read_image",
     "read_mask",
     "readable_images",
+    "reason_without_name",
     "to_gray8",
     "unreadable_warnings",
     "write_bytes",

@@ -46,16 +46,18 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
         written.
     """
     files = output_paths(paths, folder)
-    if folder.resolve() in {path.parent.resolve() for path in paths}:
-        raise ValueError(f"{folder}: contains the images, so the drawings would be read as images next time")
     if folder.suffix.lower() in IMAGE_SUFFIXES and not folder.exists():
         raise ValueError(f"{folder}: has the name of an image; choose a folder for the drawings")
-    check_output_folder(folder)
+    check_output_folder(folder, [path.parent for path in paths])
     return files
 
 
-def check_output_folder(folder: Path) -> None:
-    """Raise `ValueError` if a folder, which need not exist, is a file or cannot be written."""
+def check_output_folder(folder: Path, inputs: Iterable[Path] = ()) -> None:
+    """Raise `ValueError` if a folder, which need not exist, is an input, a file, or cannot be written."""
+    if folder.resolve() in {path.resolve() for path in inputs}:
+        raise ValueError(
+            f"{folder}: contains the images, and the output would be read with them next time; choose another folder"
+        )
     existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
     if not existing.is_dir():
         raise ValueError(f"{existing}: is a file; choose a folder")

@@ -1,6 +1,6 @@
 """Reading of image files, with a one-line reason for each file that cannot be read."""
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -85,11 +85,22 @@ def readable_images(paths: Iterable[Path], *, apply_exif: bool = False) -> Gener
         raise first
 
 
-def unreadable_warnings(reasons: Sequence[str], images: int) -> tuple[str, ...]:
-    """Return the warning that some of a number of images cannot be read; none without reasons."""
-    if not reasons:
-        return ()
-    return (f"{len(reasons)} of {images} images cannot be read and are left out, the first is {reasons[0]}",)
+def unreadable_warnings(reasons: Mapping[str, str], images: int) -> tuple[str, ...]:
+    """Return the warning that some of a number of images cannot be read, from their names and reasons."""
+    for name, reason in reasons.items():
+        return (f"{len(reasons)} of {images} images cannot be read and are left out, the first is {name}: {reason}",)
+    return ()
+
+
+def reason_without_name(error: Exception, path: str | Path) -> str:
+    """Return the message of an error of a file without the path or name that it begins with.
+
+    For reasons that are listed by name.
+    """
+    message = str(error)
+    for label in (str(path), Path(path).name):
+        message = message.removeprefix(f"{label}: ")
+    return message
 
 
 def read_bytes(path: str | Path) -> bytes:

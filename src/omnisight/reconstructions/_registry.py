@@ -122,7 +122,7 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     if not path.is_file():
         raise ReconstructionError(
             f"{folder}: no reconstruction: {'it has no ' + native.FILE if folder.is_dir() else 'no such folder'};"
-            " specify a folder that omnisight reconstruct wrote"
+            " specify a folder that omnisight reconstruct or omnisight map wrote"
         )
     try:
         return native.read(path)

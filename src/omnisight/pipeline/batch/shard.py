@@ -5,6 +5,7 @@ import os
 import threading
 import time
 
+from omnisight.images import reason_without_name
 from omnisight.pipeline.batch.peak_memory import peak_memory_bytes
 from omnisight.pipeline.batch.records import Shard, ShardRecord
 from omnisight.pipeline.batch.storage import read_file, remove_file, write_file
@@ -34,7 +35,7 @@ def run_shard(task: Task, source: str, output: str, shard: Shard) -> ShardRecord
         try:
             written = process(item, [read_file(source, path) for path in item.inputs])
         except ValueError as error:
-            failed[item.name] = str(error)
+            failed[item.name] = reason_without_name(error, item.name)
             for name in item.outputs:  # of an earlier version of its files
                 remove_file(output, name)
         except OSError as error:

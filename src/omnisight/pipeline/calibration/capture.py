@@ -1,7 +1,8 @@
 """Capture of calibration images: the counterpart of `omnisight capture`."""
 
 import re
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from omnisight.display import Displayed
 from omnisight.images import read_image, write_image
 from omnisight.images.live_camera import CameraFrame
+from omnisight.images.output_paths import check_output_folder
 from omnisight.persistent_interruption import until_interrupted
 from omnisight.pipeline.calibration.capture_options import CaptureOptions
 from omnisight.pipeline.calibration.capture_session import CaptureSession, JudgedCandidate
@@ -36,6 +38,8 @@ class CaptureResult(Displayed):
         Number of frames that were searched, and of those with the board.
     reason
         Why the capture ended: "coverage", "end" of the clip or folder, or "interrupted".
+    rejected
+        Number of frames that were not stored, by the advice of what to do; the most frequent first.
     """
 
     images: tuple[Path, ...]
@@ -43,6 +47,7 @@ class CaptureResult(Displayed):
     searched: int
     found: int
     reason: str
+    rejected: Mapping[str, int]
 
     def __bool__(self) -> bool:
         """Return whether there are images."""
@@ -85,8 +90,8 @@ def capture(
     if board is None:
         raise ValueError("capture needs the board: specify its file (--target board.json) or its corners (--pattern)")
     frames = CaptureSource.open(str(source), apply_exif=options.apply_exif)
-    folder = Path(output)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, rejected = Path(output), Counter[str]()
+    check_output_folder(folder, [] if str(source).isdigit() else [Path(source)])
     session = CaptureSession(board)
     images = _continue(session, folder)
     searched = found = 0
@@ -97,7 +102,10 @@ def capture(
             _check_size(session, candidate, frames.label)
             judged = session.judge(candidate)
             searched, found = searched + 1, found + (judged.detection is not None)
-            if not judged.advice:
+            if judged.advice:
+                rejected[judged.advice] += 1
+            else:
+                folder.mkdir(parents=True, exist_ok=True)
                 file = folder / NAME.format(_number(images) + 1)
                 write_image(file, candidate.frame.image)  # Ctrl-C may interrupt it
                 images.append(file)
@@ -109,7 +117,7 @@ def capture(
                 break
         else:
             reason = "end"
-    return CaptureResult(tuple(images), session, searched, found, reason)
+    return CaptureResult(tuple(images), session, searched, found, reason, dict(rejected.most_common()))
 
 
 def is_complete(session: CaptureSession, options: CaptureOptions) -> bool:
@@ -120,7 +128,7 @@ def is_complete(session: CaptureSession, options: CaptureOptions) -> bool:
 
 def _continue(session: CaptureSession, folder: Path) -> list[Path]:
     """Add the images of an earlier run that show the board; return all of them."""
-    files = sorted(file for file in folder.iterdir() if NAME_PATTERN.fullmatch(file.name))
+    files = sorted(file for file in (folder.iterdir() if folder.is_dir() else ()) if NAME_PATTERN.fullmatch(file.name))
     for file in files:
         candidate = next(best_of_intervals([CameraFrame(0, 0.0, read_image(file))], 1))
         _check_size(session, candidate, str(file))

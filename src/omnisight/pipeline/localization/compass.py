@@ -7,6 +7,7 @@ from pathlib import Path
 
 from omnisight.choices import check_options
 from omnisight.display import Displayed
+from omnisight.images import reason_without_name
 from omnisight.pipeline.inputs.central_camera import CameraSource
 from omnisight.pipeline.localization.compass_images import CompassImage, NamedImage, PanoramaReader, named_images
 from omnisight.pipeline.localization.compass_options import CompassOptions
@@ -110,7 +111,7 @@ def compass(
     read, failed = PanoramaReader(camera, options), list[tuple[NamedImage, str]]()
     references = _read_references(sources, read, failed, progress)
     if not references:
-        return CompassResult((), 0, _by_name(failed), f"no reference can be used: {failed[0][1]}")
+        return CompassResult((), 0, _by_name(failed), f"no reference can be used: {failed[0][0].name}: {failed[0][1]}")
     files = [source.source for source, _ in references]
     visual_compass = VisualCompass([signature for _, signature in references])
     headings: list[Heading] = []
@@ -123,9 +124,9 @@ def compass(
             source = references[nearest][0]
             headings.append(Heading(query.name, source.name, *rotation, is_reference=source is query))
         except ValueError as error:
-            failed.append((query, str(error)))
+            failed.append((query, reason_without_name(error, str(query.source))))
         progress("headings", done + 1, len(queries))
-    reason = "" if headings else f"no image has a heading: {failed[0][1]}"
+    reason = "" if headings else f"no image has a heading: {failed[0][0].name}: {failed[0][1]}"
     return CompassResult(tuple(headings), len(references), _by_name(failed), reason)
 
 
@@ -182,7 +183,7 @@ def _read_references(
         try:
             references.append((source, read(source)))
         except ValueError as error:
-            failed.append((source, str(error)))
+            failed.append((source, reason_without_name(error, str(source.source))))
         progress("references", done + 1, len(sources))
     return references
 

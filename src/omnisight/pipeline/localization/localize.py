@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from os import PathLike
 
 from omnisight.features import FeatureOptions, detect_features
-from omnisight.images import UnreadableImage, read_image, read_mask
+from omnisight.images import UnreadableImage, read_image, read_mask, reason_without_name
 from omnisight.localization.focal_length_check import check_focal_length
 from omnisight.localization.localize import LocalizedImage
 from omnisight.localization.localize import localize as localize_keypoints
@@ -59,7 +59,7 @@ def localize(
             image = read_image(path, apply_exif=options.apply_exif)
         except UnreadableImage as error:
             unreadable.append(error)
-            found[name] = LocalizedImage.without_pose(str(error), is_readable=False)
+            found[name] = LocalizedImage.without_pose(reason_without_name(error, path), is_readable=False)
             continue
         size = image.shape[1], image.shape[0]
         model = camera_of_image(camera, size, str(path), name=options.name, scale=options.scale_camera)

@@ -71,9 +71,10 @@ def read_map(folder: str | PathLike[str]) -> VisualMap:
         If the folder is not that of a map, or it is damaged.
     """
     path = Path(folder) / FILE
-    model = read_reconstruction(Path(folder))
     if not path.is_file():
-        raise ValueError(f"{folder}: a reconstruction without descriptors: make the map by omnisight map")
+        found = "a reconstruction without descriptors" if Path(folder).is_dir() else "no such folder"
+        raise ValueError(f"{folder}: no map ({found}): specify a folder that omnisight map wrote")
+    model = read_reconstruction(Path(folder))
     try:
         stored: NDArray[np.uint8] = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:

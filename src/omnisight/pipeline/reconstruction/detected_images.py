@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.features import FeatureOptions, Keypoints
-from omnisight.images import UnreadableImage, read_image
+from omnisight.images import UnreadableImage, read_image, reason_without_name
 from omnisight.pipeline.inputs.camera_sources import CameraSources
 from omnisight.pipeline.inputs.image_set import ImageSet
 from omnisight.pipeline.inputs.work_folder import WorkFolder
@@ -101,7 +101,8 @@ def detect_images(
     chosen = cameras_of_images(files, sources, options)
     detect = detect_by_workers if options.has_workers else _detect_in_turn
     found = list(detect(files, chosen, options, progress, work))
-    unreadable = {i: str(each) for i, each in enumerate(found) if isinstance(each, UnreadableImage)}
+    errors = {i: each for i, each in enumerate(found) if isinstance(each, UnreadableImage)}
+    unreadable = {i: reason_without_name(error, files.paths[i]) for i, error in errors.items()}
     some, some_colors = next(each for each in found if not isinstance(each, UnreadableImage))
     none = some[:0], some_colors[:0]
     keypoints, colors = zip(*(none if isinstance(each, UnreadableImage) else each for each in found), strict=True)

@@ -76,4 +76,4 @@ class ReconstructOptions(BatchOptions):
         if self.scale and self.positions:
             raise ValueError("positions determine the scale: leave scale out")
         if self.max_keypoints < 1:
-            raise ValueError(f"max_keypoints is {self.max_keypoints}; choose a positive number")
+            raise ValueError(f"--max-keypoints is {self.max_keypoints}; choose a positive number")

@@ -63,5 +63,5 @@ class ReconstructionResult(Displayed):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings that images cannot be read, or known positions are not used."""
-        unreadable = unreadable_warnings([self.unregistered[name] for name in self.unreadable], self.images)
+        unreadable = unreadable_warnings({name: self.unregistered[name] for name in self.unreadable}, self.images)
         return *unreadable, *self.other_warnings

@@ -56,9 +56,9 @@ class StitchOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width is not None and not 64 <= self.width <= 32766:
-            raise ValueError(f"width is {self.width}; choose 64 to 32766 px")
+            raise ValueError(f"--width is {self.width}; choose 64 to 32766 px")
         if self.width is not None and self.width % 16:
-            raise ValueError(f"width is {self.width}; choose a multiple of 16, such as {self.width // 16 * 16}")
+            raise ValueError(f"--width is {self.width}; choose a multiple of 16, such as {self.width // 16 * 16}")
         if self.every < 0:
             raise ValueError(f"every is {self.every}; choose a positive number of frames, or 0")
         for name in ("pitch", "roll", "yaw"):

@@ -13,6 +13,7 @@ from omnisight.features import detect_features, match_features
 from omnisight.features.detection import illuminated_region
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.geometry.sphere import angle_between
 from omnisight.images import to_gray8
 from omnisight.images.colors import colors_at
 from omnisight.optim.loss import NORMAL_MEDIAN
@@ -35,8 +36,8 @@ MIN_DISTANCE_BASELINES = 3.0
 DISPARITY_SIGMA_PX = 0.2
 # Median row difference above which blocks do not match, and error of disparities that makes distances wrong, px.
 MAX_ROW_DIFFERENCE_PX, MAX_ROTATION_PX = 1.0, 1.0
-# Difference, standard deviations, of the rotation of the rig from that of the images above which they contradict.
-ROTATION_SIGMA = 4.0
+# Difference, standard deviations, of the pose of the rig from that of the images above which they contradict.
+POSE_SIGMA = 4.0
 
 
 class RigCheck(NamedTuple):
@@ -58,6 +59,11 @@ class RigCheck(NamedTuple):
         latter about its most uncertain axis.
     rotation_px
         Error of disparities if the rotation of the rig is wrong by this angle.
+    direction_deg, direction_sigma_deg
+        Angle between the baseline of the rig and the direction of translation that the images determine, and the
+        standard deviation of the latter along its most uncertain axis.
+    direction_px
+        Error of the median disparity if the baseline is wrong by this angle.
     reason
         Why there are no inliers; empty otherwise.
     """
@@ -71,6 +77,9 @@ class RigCheck(NamedTuple):
     rotation_deg: float = float("nan")
     rotation_sigma_deg: float = float("nan")
     rotation_px: float = float("nan")
+    direction_deg: float = float("nan")
+    direction_sigma_deg: float = float("nan")
+    direction_px: float = float("nan")
     reason: str = ""
 
     __repr__ = named_tuple_text
@@ -78,15 +87,19 @@ class RigCheck(NamedTuple):
     @property
     def warning(self) -> str:
         """Warning that the images contradict the rig; empty if they do not."""
-        rotated = self.rotation_px > MAX_ROTATION_PX and self.rotation_deg > ROTATION_SIGMA * self.rotation_sigma_deg
-        if not (self.row_px > MAX_ROW_DIFFERENCE_PX or rotated):
+        rotated = self.rotation_px > MAX_ROTATION_PX and self.rotation_deg > POSE_SIGMA * self.rotation_sigma_deg
+        displaced = (
+            self.direction_px > DISPARITY_SIGMA_PX and self.direction_deg > POSE_SIGMA * self.direction_sigma_deg
+        )
+        if not (self.row_px > MAX_ROW_DIFFERENCE_PX or rotated or displaced):
             return ""
         return (
             "the images contradict the rig, and distances may be wrong or missing: after rectification matched"
             f" points differ by {self.row_px:.1f} rows ({self.row_deg:.2f}°, median), and the images determine a"
             f" rotation of the cameras that is {self.rotation_deg:.2f}° ± {self.rotation_sigma_deg:.2f}° from that of"
-            " the rig. Check that the cameras of the rig took both images at the same time, and calibrate the rig again"
-            " if a camera was moved or refocused"
+            f" the rig and a baseline that is {self.direction_deg:.1f}° ± {self.direction_sigma_deg:.1f}° from its"
+            " baseline. Check that the cameras of the rig took both images at the same time, and calibrate the rig"
+            " again if a camera was moved or refocused"
         )
 
 
@@ -229,14 +242,21 @@ def _check_rig(photos: tuple[Photo, Photo], pose: Pose, rectification: Rectifica
     parallax, across = rectification.differences(a.bearings[found.inliers], b.bearings[found.inliers]).T
     row, px_per_rad = float(np.median(np.abs(across))), rectification.px_per_rad
     rotation = float(np.linalg.norm(so3.log(found.b_from_a.rotation @ pose.rotation.T)))
+    disparity = float(np.median(parallax)) * px_per_rad
+    # A displacement of the cameras across the baseline, by a share of it, changes disparities by up to this share.
+    moved, baseline = found.b_from_a.translation, pose.translation / np.linalg.norm(pose.translation)
+    direction = float(angle_between(moved, baseline)) if moved.any() else np.nan
     return check._replace(
         inliers=int(found.inliers.sum()),
         row_deg=float(np.degrees(row)),
         row_px=row * px_per_rad,
-        disparity_px=float(np.median(parallax)) * px_per_rad,
+        disparity_px=disparity,
         rotation_deg=float(np.degrees(rotation)),
         rotation_sigma_deg=largest_sigma_deg(found.covariance[:3, :3]),
         rotation_px=rotation * px_per_rad,
+        direction_deg=float(np.degrees(direction)),
+        direction_sigma_deg=largest_sigma_deg(found.covariance[3:, 3:]),
+        direction_px=np.sin(direction) * disparity,
     )
 
 

@@ -15,7 +15,7 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import save
 from omnisight.images import collect_images, read_image, write_image
-from omnisight.images.output_paths import output_paths, refuse_overwrite
+from omnisight.images.output_paths import check_output_folder, output_paths, refuse_overwrite
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
@@ -159,13 +159,15 @@ def view_images(
     """
     first = views[0][1]
     central = None if camera is None else central_camera(camera, name=first.name, distance=first.distance)
-    paths = collect_images(images)
+    items = [images] if isinstance(images, str | PathLike) else list(images)
+    paths = collect_images(items)
     files = [_output_files(paths, Path(output)) for output, _ in views]
     read = [*paths, *([Path(camera)] if isinstance(camera, str | PathLike) else [])]
     _check_outputs(files, [Path(each) for each in (mask, view_camera) if each], read)
-    if len(paths) > 1:
-        for output, _ in views:
-            Path(output).mkdir(parents=True, exist_ok=True)
+    folders = [Path(item) for item in items if Path(item).is_dir()]
+    for output, _ in views:
+        if len(paths) > 1:
+            check_output_folder(Path(output), [path.parent for path in paths] if folders else ())
     written = [_ImageView(central, options, own) for (_, options), own in zip(views, files, strict=True)]
     for i, path in enumerate(paths):
         progress("view", i, len(paths))
@@ -224,7 +226,10 @@ class _ImageView:
             if self._renderer is None:
                 size = image.shape[1], image.shape[0]
                 self._renderer = ViewRenderer(camera_of_image(None, size, name, name=None, scale=False), self._options)
-            write_image(self.files[index], self._renderer(image, name))
+            view = self._renderer(image, name)
+            if len(self.files) > 1:
+                self.files[index].parent.mkdir(parents=True, exist_ok=True)
+            write_image(self.files[index], view)
             self._written.append(self.files[index])
         except ValueError as error:
             if len(self.files) == 1:
