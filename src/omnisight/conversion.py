@@ -194,6 +194,8 @@ def max_convertible_theta(camera: Camera, model: str, max_px: float, *, theta_ma
 
 def rank_conversions(camera: Camera, models: Sequence[str], *, theta_max: float | None = None) -> list[Conversion]:
     """Convert a camera to each model that can be fitted to it, the most accurate first; see `convert_model`."""
+    if not all(camera.size):
+        raise ValueError("the image size is not known, over which models are fitted: add it to the file")
     conversions: list[Conversion] = []
     for model in models:
         try:

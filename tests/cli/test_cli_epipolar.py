@@ -220,7 +220,7 @@ def test_invalid_files_are_refused(refuses, photos, tmp_path):
     # The output is checked before the inputs: the mask has another size.
     given = "epipolar", *pair, "--mask", tmp_path / "mask.png"
     assert "pair.gif: cannot write extension" in refuses(*given, "-o", tmp_path / "pair.gif")
-    assert "max_keypoints must be at least 1" in refuses("epipolar", *pair, "--max-keypoints", "0")
+    assert "--max-keypoints must be at least 1" in refuses("epipolar", *pair, "--max-keypoints", "0")
 
 
 def test_a_camera_in_a_reflected_frame_is_refused_with_the_remedy(run, photos, tmp_path):

@@ -88,7 +88,7 @@ def test_an_unreadable_image_is_left_out_of_a_map_and_reported_by_localize(run, 
     assert status == 0, err
     found = {image["name"]: image for image in json.loads(out)["images"]}
     assert [name for name, image in found.items() if image["localized"]] == ["0.png", "1.png", "2.png"]
-    assert re.match(r"b\.png: (truncated|damaged) PNG", found["b.png"]["reason"])
+    assert re.match(r"(truncated|damaged) PNG", found["b.png"]["reason"])
     assert "omnisight: warning: 2 of 5 images cannot be read and are left out, the first is +.png: " in err
     assert [line.split(",")[0] for line in (tmp_path / "poses.csv").read_text().splitlines()[1:]] == [
         "0.png",

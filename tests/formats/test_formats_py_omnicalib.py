@@ -5,6 +5,7 @@ import pytest
 import yaml
 
 from omnisight.camera import Camera
+from omnisight.conversion import rank_conversions
 from omnisight.formats import FormatError, load, save
 from omnisight.models import model_class
 
@@ -74,6 +75,11 @@ def test_both_polynomials_that_are_written_agree_with_the_camera(tmp_path):
     z = np.polynomial.polynomial.polyval(np.hypot(*offset.T), data["poly_radius_to_z"])
     lifted = camera.project(np.column_stack([offset, z]))[0]
     assert np.linalg.norm(lifted - pixels, axis=1).max() < 0.02
+
+
+def test_a_conversion_names_the_missing_image_size(load_text):
+    with pytest.raises(ValueError, match="the image size is not known"):
+        rank_conversions(load_text(TEXT), ["kannala_brandt", "mei"])
 
 
 @pytest.mark.parametrize(

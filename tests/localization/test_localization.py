@@ -110,7 +110,7 @@ def test_a_map_reads_back_and_damage_is_reported(world, tmp_path):
     with pytest.raises(ValueError, match=r"descriptors.npy: damaged"):
         om.read_map(tmp_path)
     (tmp_path / FILE).unlink()
-    with pytest.raises(ValueError, match=r"without descriptors.*that omnisight map wrote"):
+    with pytest.raises(ValueError, match=r"has no descriptors.npy.*that omnisight map wrote"):
         om.read_map(tmp_path)
 
 

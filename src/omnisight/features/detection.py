@@ -54,7 +54,7 @@ class FeatureOptions(Options):
         """Check the names and the number."""
         super().__post_init__()
         if self.max_keypoints < 1:
-            raise ValueError(f"max_keypoints must be at least 1, got {self.max_keypoints}")
+            raise ValueError(f"--max-keypoints must be at least 1, got {self.max_keypoints}")
         if not self.max_resolution > 0:
             raise ValueError(f"max_resolution must be positive, got {self.max_resolution:g}")
 

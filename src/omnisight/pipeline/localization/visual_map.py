@@ -72,7 +72,7 @@ def read_map(folder: str | PathLike[str]) -> VisualMap:
     """
     path = Path(folder) / FILE
     if not path.is_file():
-        found = "a reconstruction without descriptors" if Path(folder).is_dir() else "no such folder"
+        found = f"the folder has no {FILE}" if Path(folder).is_dir() else "no such folder"
         raise ValueError(f"{folder}: no map ({found}): specify a folder that omnisight map wrote")
     model = read_reconstruction(Path(folder))
     try:
