@@ -91,7 +91,7 @@ def capture(
         raise ValueError("capture needs the board: specify its file (--target board.json) or its corners (--pattern)")
     frames = CaptureSource.open(str(source), apply_exif=options.apply_exif)
     folder, rejected = Path(output), Counter[str]()
-    check_output_folder(folder, [] if str(source).isdigit() else [Path(source)])
+    check_output_folder(folder, [] if str(source).isdigit() else [Path(str(source))])
     session = CaptureSession(board)
     images = _continue(session, folder)
     searched = found = 0
