@@ -13,6 +13,7 @@ from pathlib import Path
 import omnisight as om
 from benchmarks import motion_colmap
 from benchmarks.motion_crops import HEADER, print_crops
+from benchmarks.motion_edges import print_edges
 from benchmarks.motion_loops import print_loops
 from benchmarks.motion_score import errors
 from benchmarks.rendered_images import image_cache
@@ -117,6 +118,7 @@ def main(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks motion", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two short sequences, and one drive with loops")
     parser.add_argument("--loops", action="store_true", help="only the drives with loops")
+    parser.add_argument("--edges", action="store_true", help="only the uncertainty of relative poses of keyframes")
     parser.add_argument("--crops", action="store_true", help="only the comparison with perspective views")
     parser.add_argument("--colmap", action="store_true", help="only the comparison with pycolmap")
     parser.add_argument("--sequences", nargs="+", metavar="SCENE-CAMERA", help="such as room-fisheye; default: all")
@@ -131,6 +133,9 @@ def main(arguments: list[str]) -> None:
         return
     if options.loops:
         print_loops(quick)
+        return
+    if options.edges:
+        print_edges(quick)
         return
     print("| sequence | path | images with a pose | error | drift | drift °/m | images per second |")
     print("|---|---|---|---|---|---|---|")

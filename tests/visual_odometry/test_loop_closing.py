@@ -46,6 +46,7 @@ class Corridor:
             for s in share
         ]
         self.frames, self.segments, self.losses = list(range(0, EVERY * COUNT, EVERY)), [0] * COUNT, [0]
+        self.noise = [1.0] * COUNT
         self.poses, drift = [self.true[0]], so3.exp(np.radians([0.3 * turn_deg, turn_deg, 0]) / COUNT)
         for k in range(1, COUNT):
             step = self.true[k] @ self.true[k - 1].inverse()

@@ -47,7 +47,7 @@ class FrameLocator:
     def locate(self, frame: Frame, *, is_lost: bool) -> FramePose:
         """Return the pose of a frame near the predicted one, or why there is none; `is_lost` after a loss."""
         found = estimate_pose(frame.rays, frame.predicted, self.seed)
-        if found and self._noise and (is_lost or found.sigma > MAX_NOISE_GROWTH * self._usual_noise):
+        if found and self._noise and (is_lost or found.sigma > MAX_NOISE_GROWTH * self.noise):
             found = self._verified(frame, found)
         agreeing, needed = int(found.is_inlier.sum()), MIN_RELOCALIZED if is_lost else MIN_KEPT * self.inliers
         if found and agreeing < needed:
@@ -64,9 +64,9 @@ class FrameLocator:
         self._noise.clear()
 
     @property
-    def _usual_noise(self) -> float:
-        """Median of the noise of the last frames."""
-        return max(float(np.median(self._noise)), MIN_NOISE)
+    def noise(self) -> float:
+        """Standard deviation of rays from points over the assumed one: its median in the last frames, 1 without any."""
+        return max(float(np.median(self._noise)), MIN_NOISE) if self._noise else 1.0
 
     def _verified(self, frame: Frame, found: FramePose) -> FramePose:
         """Return the pose with which most points agree within the noise before, or why there is none.
@@ -74,7 +74,7 @@ class FrameLocator:
         An estimate of the noise grows with a wrong pose, because patches are found near where they are predicted.
         """
         assert found.rig_from_world is not None
-        verified = estimate_pose(frame.rays, found.rig_from_world, self.seed, self._usual_noise)
+        verified = estimate_pose(frame.rays, found.rig_from_world, self.seed, self.noise)
         agreeing, known = int(verified.is_inlier.sum()), int(frame.rays.has_point.sum())
         if verified and agreeing > MIN_VERIFIED_SHARE * known:
             return verified

@@ -65,6 +65,8 @@ class KeyframeHistory:
         Their rig_from_world, the last ones that the window estimated.
     segments
         Number of the segment of each keyframe; the relative pose of different segments is not known.
+    noise
+        Standard deviations of the rays of keyframes from points over the assumed ones.
     losses
         Numbers of keyframes before frames without a pose.
     points
@@ -77,6 +79,7 @@ class KeyframeHistory:
         self.frames: list[int] = []
         self.poses: list[Pose] = []
         self.segments: list[int] = []
+        self.noise: list[float] = []
         self.losses = [0]
         self.points = np.full((0, 3), np.nan)
         self._row_of = dict[int, int]()
@@ -99,8 +102,8 @@ class KeyframeHistory:
         self.losses.append(len(self))
         self._at_place = np.zeros(0, np.intp)
 
-    def update(self, window: KeyframeWindow, rig: Rig) -> None:
-        """Add the keyframes of a window that are new, with the rig that observed them."""
+    def update(self, window: KeyframeWindow, rig: Rig, noise: float) -> None:
+        """Add the keyframes of a window that are new, with the rig that observed them, and the noise of their rays."""
         for k, keyframe in enumerate(window.keyframes):
             if keyframe.index in self._row_of:
                 self.poses[self._row_of[keyframe.index]] = keyframe.rig_from_world
@@ -110,6 +113,7 @@ class KeyframeHistory:
             self.frames.append(keyframe.index)
             self.poses.append(keyframe.rig_from_world)
             self.segments.append(self._segment)
+            self.noise.append(noise)
             self._rays.append(
                 (
                     rays.number + self._base,

@@ -289,7 +289,7 @@ class Odometry:
         """Start patches in the last keyframe of a window, and keep it for the closing of loops."""
         window.extend_last(self._start_patches(frame, tracker, window), frame.images)
         if self._history is not None:
-            self._history.update(window, self.rig)
+            self._history.update(window, self.rig, self._locator.noise)
 
     def _start_patches(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
         """Start patches in the last keyframe of a window, and return their rays."""
