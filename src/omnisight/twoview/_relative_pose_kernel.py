@@ -132,4 +132,5 @@ def _is_behind(p, q, m, n, variance):
 
 @njit_helper
 def _squared_chord(p, q):
+    """Return |p - q|^2."""
     return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2
