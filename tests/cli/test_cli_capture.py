@@ -160,7 +160,8 @@ def test_wrong_input_is_refused(refuses, run, scene, tmp_path):
     assert "--images must be 3 or more" in refuses(*arguments(scene, "--images", "2"))
     status, _, err = run("capture", scene / "clip.avi", "--pattern", "5x4", "-o", "others")
     assert status == 2
-    assert re.search(r"no image was stored: 0 of (\d+) frames show the board: show the board \(\1 frames\)", err)
+    counts = r"no image was stored: 0 of (\d+) frames show the board; advice: show the board \(\1 frames\)"
+    assert re.search(counts, err)
     assert "--pattern counts inner corners" in err
     assert not Path("others").exists()
     assert "contains the images" in refuses("capture", scene, "--target", scene / "board.json", "-o", scene)

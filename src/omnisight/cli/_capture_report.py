@@ -62,7 +62,7 @@ def nothing_stored(result: CaptureResult) -> str:
     if result.searched and not result.found:
         board = f". Is {result.session.board} the board? --pattern counts inner corners"
     shown = f"{result.found} of {result.searched} frames show the board"
-    return f"no image was stored: {shown}{f': {advice}' if advice else ''}{board}"
+    return f"no image was stored: {shown}{f'; advice: {advice}' if advice else ''}{board}"
 
 
 def as_json(result: CaptureResult) -> None:
