@@ -32,15 +32,6 @@ def project(bearings, data):
     return bearings[:, :2] / flat[:, None] * radius[:, None] + data["principal_point"]
 
 
-@pytest.fixture
-def load_text(tmp_path):
-    def load_text(text):
-        (tmp_path / "calibration.yml").write_text(text)
-        return load(tmp_path / "calibration.yml")
-
-    return load_text
-
-
 BEARINGS = np.random.default_rng(5).normal((0, 0, 1), size=(50, 3))
 
 
