@@ -284,8 +284,9 @@ def find_move(all_deviations: Sequence[Deviations], inflation: float) -> Move | 
     move, but is compared with one that did, is not.
     """
     best: tuple[float, Move] | None = None
+    scale = contradiction_limit(inflation)
     for deviation in all_deviations:
-        count, scale = len(deviation.groups), contradiction_limit(inflation)
+        count = len(deviation.groups)
         if count < 2 * MIN_VIEWS_EACH_SIDE:
             continue
         mean = robust_mean(deviation.steps, deviation.information, scale)
