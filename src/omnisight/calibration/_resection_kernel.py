@@ -26,23 +26,6 @@ AXES = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 @njit_driver
-def bearing_map_normals(x, bearings, weights, starts):
-    """Return the normal equations (V, 3 K, 3 K) of b x H x = 0 for the elements of H (3, K), given x (N, K)."""
-    terms = x.shape[1]
-    normals = np.zeros((len(starts) - 1, 3 * terms, 3 * terms))
-    for k in range(len(starts) - 1):
-        for n in range(starts[k], starts[k + 1]):
-            # [b]x^T [b]x = I - b b^T for a unit b.
-            for i in range(3):
-                for j in range(3):
-                    across = weights[n] * ((1.0 if i == j else 0.0) - bearings[n, i] * bearings[n, j])
-                    for p in range(terms):
-                        for q in range(terms):
-                            normals[k, i * terms + p, j * terms + q] += across * x[n, p] * x[n, q]
-    return normals
-
-
-@njit_driver
 def squared_chords(points, view, rotations, translations, bearings):
     """Return the squared chords (N,) of points posed by their view."""
     squares = np.empty(len(points))
@@ -54,40 +37,19 @@ def squared_chords(points, view, rotations, translations, bearings):
 
 
 @njit_driver
-def refined_poses(points, bearings, starts, poses, normals):
-    """Return the better of the minima near each pose (V, 3, 4) and near its mirror image about the line of sight.
+def refine_poses(points, bearings, starts, poses, others):
+    """Refine poses (V, 3, 4), and replace them by those refined from others if these are better, in place.
 
-    `normals` (V, 3) of the boards are in their frames. The rows of view k are `starts[k]` to `starts[k + 1]`; rows
-    without a bearing are NaN.
+    The rows of view k are `starts[k]` to `starts[k + 1]`.
     """
-    refined, mirrored = np.empty(poses.shape), np.empty(poses.shape)
     for k in range(len(poses)):
-        copy_elements(refined[k], poses[k])
-        copy_elements(mirrored[k], poses[k])
-        x, b = _select_view(points, bearings, starts[k], starts[k + 1])
+        x, b = points[starts[k] : starts[k + 1]], bearings[starts[k] : starts[k + 1]]
         if not len(x):
             continue
-        _mirror(mirrored[k], x, normals[k])
-        _refine(refined[k], x, b)
-        _refine(mirrored[k], x, b)
-        if _is_better(x, b, mirrored[k], refined[k]):
-            copy_elements(refined[k], mirrored[k])
-    return refined
-
-
-@njit_helper
-def _select_view(points, bearings, first, last):
-    """Return the points and bearings of the rows of a view that have a bearing."""
-    count = 0
-    for n in range(first, last):
-        count += np.isfinite(bearings[n, 0] + bearings[n, 1] + bearings[n, 2])
-    x, b, k = np.empty((count, 3)), np.empty((count, 3)), 0
-    for n in range(first, last):
-        if np.isfinite(bearings[n, 0] + bearings[n, 1] + bearings[n, 2]):
-            for i in range(3):
-                x[k, i], b[k, i] = points[n, i], bearings[n, i]
-            k += 1
-    return x, b
+        _refine(poses[k], x, b)
+        _refine(others[k], x, b)
+        if _is_better(x, b, others[k], poses[k]):
+            copy_elements(poses[k], others[k])
 
 
 @njit_helper
@@ -141,30 +103,6 @@ def _square_chords(pose, x, b, squares):
     for n in range(len(x)):
         p, _ = direction(times(pose, x[n]), translation)
         squares[n] = (p[0] - b[n, 0]) ** 2 + (p[1] - b[n, 1]) ** 2 + (p[2] - b[n, 2]) ** 2
-
-
-@njit_helper
-def _mirror(pose, x, normal):
-    """Mirror a pose in place: the board about the plane across the line of sight of its middle."""
-    centre = 0.0, 0.0, 0.0
-    for n in range(len(x)):
-        centre = centre[0] + x[n, 0] / len(x), centre[1] + x[n, 1] / len(x), centre[2] + x[n, 2] / len(x)
-    rotated = times(pose, centre)
-    middle = rotated[0] + pose[0, 3], rotated[1] + pose[1, 3], rotated[2] + pose[2, 3]
-    inverse = 1.0 / max(np.sqrt(dot(middle, middle)), 1e-300)
-    sight = middle[0] * inverse, middle[1] * inverse, middle[2] * inverse
-    # (I - 2 s s^T) R (I - 2 n n^T), so that the result is a rotation.
-    for i in range(3):
-        along = 2.0 * (pose[i, 0] * normal[0] + pose[i, 1] * normal[1] + pose[i, 2] * normal[2])
-        for j in range(3):
-            pose[i, j] -= along * normal[j]
-    for j in range(3):
-        along = 2.0 * (sight[0] * pose[0, j] + sight[1] * pose[1, j] + sight[2] * pose[2, j])
-        for i in range(3):
-            pose[i, j] -= along * sight[i]
-    rotated = times(pose, centre)
-    for i in range(3):
-        pose[i, 3] = middle[i] - rotated[i]
 
 
 @njit_helper

@@ -198,7 +198,8 @@ class _ImageSearch:
         found = _detect_in_views(gray, self.camera, self.board)
         if found is None:
             return image, RedetectionStats()
-        far = int((self.camera.angle_of(found.pixels) > np.radians(FAR_DEG)).sum())
+        angles = angle_from_axis(self.camera.model.unproject_numpy(found.pixels)[0])
+        far = int((angles > np.radians(FAR_DEG)).sum())
         result = image.with_boards([found], self.board).with_remark("detected in a perspective view")
         return result, RedetectionStats(len(found), far, 0, 1)
 

@@ -2,17 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.calibration._resection_kernel import (
-    MIN_CHORD_RAD,
-    ROBUST_SCALE,
-    bearing_map_normals,
-    refined_poses,
-    squared_chords,
-)
+from omnisight.calibration._resection_kernel import MIN_CHORD_RAD, ROBUST_SCALE, refine_poses, squared_chords
 from omnisight.calibration.state import State
 from omnisight.geometry import rotation as so3
 from omnisight.models import CameraModel
@@ -128,11 +124,11 @@ def refine_board_poses(observations: Observations, bearings: Array, rotations: A
     rotations, translations
         (V, 3, 3) and (V, 3), finite: the initial poses.
     """
-    normals = np.tile((0.0, 0.0, 1.0), (len(observations), 1))
-    if not observations.is_planar:
-        normals = _Groups(observations, bearings).frame[:, :, 2].copy()
-    poses = np.concatenate([rotations, translations[:, :, None]], -1)
-    poses = refined_poses(observations.points, np.ascontiguousarray(bearings), observations.starts, poses, normals)
+    groups = _Groups(observations, bearings)
+    starts = (rotations, translations), groups.mirrored(rotations, translations)
+    poses, mirrored = (np.concatenate([r, t[:, :, None]], -1) for r, t in starts)
+    used = groups.use > 0
+    refine_poses(groups.points[used], groups.bearings[used], np.append(0, np.cumsum(groups.count)), poses, mirrored)
     return poses[:, :, :3].copy(), poses[:, :, 3].copy()
 
 
@@ -161,7 +157,7 @@ def _direct_linear_transform(groups: "_Groups", x: Array) -> Array:
     b, k = groups.bearings, x.shape[1]
     weight, h = groups.nearby, np.zeros((len(groups.count), 3, k))
     for _ in range(LINEAR_ROUNDS):
-        _, vectors = np.linalg.eigh(bearing_map_normals(x, b, weight, groups.starts))
+        _, vectors = np.linalg.eigh(_bearing_map_normals(groups, x, weight))
         h = vectors[:, :, 0].reshape(-1, 3, k)
         seen = np.einsum("nij,nj->ni", h[groups.view], x)
         ahead = np.einsum("ni,ni->n", seen, b)
@@ -169,6 +165,15 @@ def _direct_linear_transform(groups: "_Groups", x: Array) -> Array:
         squares = np.maximum((seen**2).sum(-1), 1e-300)
         weight = groups.weights(2 - 2 * np.abs(ahead) / np.sqrt(squares)) / squares
     return h
+
+
+def _bearing_map_normals(groups: "_Groups", x: Array, weight: Array) -> Array:
+    """Return the normal equations (V, 3 K, 3 K) of b x H x = 0 for the elements of H (3, K), given x (N, K)."""
+    k = x.shape[1]
+    products = (groups.bearings[:, :, None] * x[:, None, :]).reshape(-1, 3 * k)
+    # [b]x^T [b]x = I - b b^T for a unit b.
+    across = np.einsum("ij,vpq->vipjq", np.eye(3), groups.gram(x, weight)).reshape(-1, 3 * k, 3 * k)
+    return across - groups.gram(products, weight)
 
 
 def _far_plane_poses(groups: "_Groups") -> Poses:
@@ -211,11 +216,16 @@ def _affine_transform(groups: "_Groups", x: Array) -> tuple[Array, Array]:
     y = 2 * local[:, :2] / np.maximum(1 + local[:, 2:], 1e-3)
     weight, affine = groups.nearby, np.zeros((len(groups.count), x.shape[1], 2))
     for _ in range(LINEAR_ROUNDS):
-        weighted = x * weight[:, None]
-        normal = groups.sum(weighted[:, :, None] * x[:, None, :]) + 1e-12 * np.eye(x.shape[1])
-        affine = np.asarray(np.linalg.solve(normal, groups.sum(weighted[:, :, None] * y[:, None, :])), float)
+        normal = groups.gram(x, weight) + 1e-12 * np.eye(x.shape[1])
+        affine = np.asarray(np.linalg.solve(normal, groups.gram(x, weight, y)), float)
         weight = groups.weights(((np.einsum("ni,nij->nj", x, affine[groups.view]) - y) ** 2).sum(-1))
     return frame, affine
+
+
+def _reflection(normals: Array) -> Array:
+    """Return the reflections (V, 3, 3) about the planes across normals (V, 3)."""
+    unit = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+    return np.eye(3) - 2 * unit[:, :, None] * unit[:, None, :]
 
 
 def _homogeneous(x: Array) -> Array:
@@ -256,9 +266,16 @@ class _Groups:
         self.size = np.where(size > 0, size, 1.0)
         self.local = about / self.size[self.view][:, None]
         self.plane = self.local[:, :2]
-        # A bearing far from the others is an outlier, or belongs to a board so large that it can be spared.
-        self.middle = np.stack([self.medians(self.bearings[:, i]) for i in range(3)], -1)
-        self.nearby = self.weights(((self.bearings - self.middle[self.view]) ** 2).sum(-1))
+
+    @cached_property
+    def middle(self) -> Array:
+        """Medians (V, 3) of the bearings."""
+        return np.stack([self.medians(self.bearings[:, i]) for i in range(3)], -1)
+
+    @cached_property
+    def nearby(self) -> Array:
+        """Weights (N,): a bearing far from the others is an outlier, or of a board so large that it can be spared."""
+        return self.weights(((self.bearings - self.middle[self.view]) ** 2).sum(-1))
 
     def sum(self, values: Array) -> Array:
         """Return the sums of values (N, ...) by view."""
@@ -266,6 +283,11 @@ class _Groups:
         sums = np.add.reduceat(np.concatenate([values, np.zeros((1, *values.shape[1:]))]), self.starts[:-1])
         sums[self.starts[:-1] == self.starts[1:]] = 0.0
         return sums
+
+    def gram(self, a: Array, weights: Array, b: Array | None = None) -> Array:
+        """Return A^T W B (V, K, L) of coordinates a (N, K) and b (N, L), by default a, by view."""
+        weighted = weights[:, None] * (a if b is None else b)
+        return np.stack([a[first:last].T @ weighted[first:last] for first, last in pairwise(self.starts)])
 
     def medians(self, values: Array) -> Array:
         """Return the median of values (N,) by view, over the points that have a bearing."""
@@ -291,6 +313,13 @@ class _Groups:
     def squares(self, poses: Poses) -> Array:
         """Return the squared chords (N,) between bearings and the directions of the posed points."""
         return squared_chords(self.points, self.view, *poses, self.bearings)
+
+    def mirrored(self, rotations: Array, translations: Array) -> Poses:
+        """Return poses whose boards are mirrored about the plane across the line of sight of their middle."""
+        middle = np.einsum("vij,vj->vi", rotations, self.centre) + translations
+        # (I - 2 s s^T) R (I - 2 n n^T), so that the result is a rotation.
+        mirrored = _reflection(middle) @ rotations @ _reflection(self.frame[:, :, 2])
+        return mirrored, middle - np.einsum("vij,vj->vi", mirrored, self.centre)
 
     def better(self, first: Poses, second: Poses) -> Poses:
         """Return for each view that of two poses which has the smaller robust cost."""

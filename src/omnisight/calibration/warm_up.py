@@ -42,12 +42,10 @@ def _prepare() -> None:
 
 def compile_detection() -> None:
     """Compile what detection and redetection need and their first steps do not compile."""
-    from omnisight.models.kannala_brandt import KannalaBrandt
     from omnisight.targets.subpixel.corner_fit import fit_corners
 
     corner = np.kron(np.eye(2, dtype=np.uint8), np.full((50, 50), 255, np.uint8))
     fit_corners(corner, np.full((1, 2), 49.5), 20.0 * np.eye(2)[None], np.zeros((1, 2, 2)))
-    KannalaBrandt.example().unproject(np.full((1, 2), 100.0))
 
 
 def warm_up() -> None:

@@ -16,7 +16,7 @@ def check(evidence: Evidence) -> Check:
     """Check that the model is injective beyond the corners, up to the edge of the image."""
     camera = evidence.camera
     fold, reach = camera.model.fold_angle, camera.theta_max or 0.0
-    covers_image = np.isfinite(camera.angle_of(camera.border())).all()
+    covers_image = camera.model.unproject_numpy(camera.border())[1].all()
     if fold >= MIN_FOLD_MARGIN * reach or fold >= np.pi - WHOLE_SPHERE_RAD or covers_image:
         return Check("injectivity")
     return Check(
