@@ -180,6 +180,10 @@ def test_clips_and_folders_give_one_view_per_frame(run, folder):
     assert run("birdseye", *folders, *rig, "-o", folder / "top")[0] == 0
     views = sorted((folder / "top").iterdir())
     assert len(views) == 3
+    status, _, err = run("birdseye", *folders, *rig, "-o", folder / "front")
+    assert status == 2
+    assert "front: contains the images" in err
+    assert len(list((folder / "front").iterdir())) == 3
     (folder / "left" / "2.png").unlink()
     status, _, err = run("birdseye", *folders, *rig, "-o", folder / "top")
     assert status == 2

@@ -106,6 +106,21 @@ def test_spheres_do_not_replace_the_images(head, capsys, tmp_path):
     assert before == {path: path.read_bytes() for path in (tmp_path / "images").iterdir()}
 
 
+@pytest.mark.parametrize("workers", [(), ("--workers", 1)])
+def test_spheres_are_not_mixed_with_the_images(head, capsys, tmp_path, workers):
+    """Spheres are JPEG files, and the images here PNG files: none would be overwritten."""
+    folder = tmp_path / "images"
+    command = frames(head, folder)
+    for path in list(folder.iterdir()):
+        om.write_image(path.with_suffix(".png"), om.read_image(path))
+        path.unlink()
+    images = (*command[:1], f"{folder}/*.png", *command[2:]) if workers else command
+    status, _, err = run(capsys, *images, "-o", folder, *workers)
+    assert status == 2
+    assert ("is in the folder of the images" if workers else "contains the images") in err
+    assert not list(folder.glob("*.jpg"))
+
+
 def test_an_image_of_another_size_in_a_folder_is_named(head, capsys, tmp_path):
     command = frames(head, tmp_path / "images")
     om.write_image(tmp_path / "images" / "back_1.jpg", om.read_image(head / "back.png")[::2, ::2])

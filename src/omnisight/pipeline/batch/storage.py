@@ -107,10 +107,11 @@ def list_images(url: str, output: str) -> dict[str, str]:
     Raises
     ------
     ValueError
-        If there is none, the files cannot be listed, or the output folder is among them.
+        If there is none, the files cannot be listed, or the output folder is among them or contains them.
     """
+    among = ValueError(f"{output}: is in the folder of the images: outputs would be read as images next time")
     if is_below(output, url):
-        raise ValueError(f"{output}: is in the folder of the images: outputs would be read as images next time")
+        raise among
     files, path = _filesystem(url)
     try:
         with _client_errors():
@@ -123,6 +124,8 @@ def list_images(url: str, output: str) -> dict[str, str]:
     names = sorted((name for name in visible if name.lower().endswith(IMAGE_SUFFIXES)), key=natural_sort_key)
     if not names:
         raise ValueError(f"{url}: no images (of {len(found)} files); supported are {' '.join(IMAGE_SUFFIXES)}")
+    if _is_any(output, url, {posixpath.dirname(name) for name in names}):
+        raise among
     return {name: _version(found[name]) for name in names}
 
 
@@ -150,6 +153,13 @@ def is_below(url: str, folder: str) -> bool:
     """Return whether a URL is a folder or below it."""
     path, root = (real_path(each, _filesystem(each)[1]).rstrip("/") for each in (url, folder))
     return _filesystem(url)[0] is _filesystem(folder)[0] and f"{path}/".startswith(f"{root}/")
+
+
+def _is_any(output: str, source: str, folders: Iterable[str]) -> bool:
+    """Return whether the output is one of some folders in the file system of the source."""
+    files, path = _filesystem(output)
+    real = {real_path(source, folder).rstrip("/") for folder in folders}
+    return files is _filesystem(source)[0] and real_path(output, path).rstrip("/") in real
 
 
 def real_path(url: str, path: str) -> str:

@@ -4,12 +4,13 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from omnisight.formats import format_of_suffix, save
 from omnisight.images import Clip, write_image
-from omnisight.images.output_paths import refuse_overwrite, write_error
+from omnisight.images.output_paths import check_output_folder, refuse_overwrite, write_error
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye.birdseye import (
@@ -21,6 +22,7 @@ from omnisight.pipeline.birdseye.birdseye import (
     prepare_birdseye,
 )
 from omnisight.pipeline.birdseye.birdseye_options import BirdseyeOptions
+from omnisight.pipeline.inputs.image_set import image_folders
 from omnisight.pipeline.inputs.images_of_cameras import FOLDER_FPS, frame_count, is_sequence, match_cameras, moments
 from omnisight.progress import Progress, no_progress
 from omnisight.video_options import VideoOptions
@@ -125,6 +127,10 @@ def _check_output(
     sources: Sequence[Path], output: Path, save_rig: Path | None, video: VideoOptions, others: Sequence[Path]
 ) -> None:
     """Raise before any work if an output would replace an input or cannot be written."""
+    several = any(is_sequence(source) for source in sources)
+    if several and not _is_video(output):
+        folders = [source for source in sources if source.is_dir()]
+        check_output_folder(output, [*folders, *chain.from_iterable(map(image_folders, folders))])
     outputs = [path for path in (output, save_rig) if path is not None]
     refuse_overwrite(outputs, [*sources, *others])
     for path in outputs:
@@ -132,8 +138,7 @@ def _check_output(
             raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
         if reason := write_error(path.parent):
             raise ValueError(f"{path}: {reason} ({path.parent})")
-    several = any(is_sequence(source) for source in sources)
-    if several and output.suffix and not output.is_dir():
+    if several and _is_video(output):
         video.codec_of(output)
     if not several and is_sequence(output):
         raise ValueError(f"{output}: the view of one moment is an image; name a file, such as top.png")
@@ -143,13 +148,18 @@ def _check_output(
         format_of_suffix(save_rig)
 
 
+def _is_video(output: Path) -> bool:
+    """Return whether the views of several moments are written to a file rather than a folder."""
+    return bool(output.suffix) and not output.is_dir()
+
+
 def _writer(
     sources: Sequence[Path], output: Path, renderer: BirdseyeRenderer, video: VideoOptions, stack: ExitStack
 ) -> Callable[[Any, int, float], None]:
     """Return a function that writes a view with its number and time."""
     if not any(is_sequence(source) for source in sources):
         return lambda image, number, seconds: write_image(output, image)
-    if output.suffix and not output.is_dir():
+    if _is_video(output):
         like = FOLDER_FPS if sources[0].is_dir() else Clip.open(sources[0])
         writer = stack.enter_context(VideoWriter(output, renderer.view.size, like, video))
         return lambda image, number, seconds: writer.write(image, seconds)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
 from omnisight.images.gpano import with_gpano
-from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.output_paths import check_output_folder, refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.video_encoders import encoded_depth
 from omnisight.images.video_writer import VideoWriter
@@ -168,7 +168,7 @@ def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
     Raises
     ------
     ValueError
-        If its extension does not fit, or it is one of the inputs.
+        If its extension does not fit, it is one of the inputs or contains them, or it cannot be written.
     """
     inputs = [Path(s) for frame in frames.sources for s in frame if isinstance(s, str | Path)]
     refuse_overwrite([target] if frames.is_clip else _image_files(target, frames), inputs)
@@ -177,8 +177,10 @@ def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
         if suffix not in SPHERE_SUFFIXES:
             raise ValueError(f"{target}: a stitched clip is written as {', '.join(SPHERE_SUFFIXES)}")
         video.codec_of(target)
-    elif len(frames.sources) > 1 and suffix and not target.is_dir():
-        raise ValueError(f"{target}: there are {len(frames.sources)} frames; specify a folder")
+    elif len(frames.sources) > 1:
+        if suffix and not target.is_dir():
+            raise ValueError(f"{target}: there are {len(frames.sources)} frames; specify a folder")
+        check_output_folder(target, [path.parent for path in inputs])
     elif len(frames.sources) == 1 and (suffix not in IMAGE_SUFFIXES or suffix not in WRITABLE_EXTENSIONS):
         raise ValueError(f"{target}: specify an image file, such as sphere.jpg")
     if not target.parent.is_dir():

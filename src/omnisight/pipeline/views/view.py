@@ -161,13 +161,10 @@ def view_images(
     central = None if camera is None else central_camera(camera, name=first.name, distance=first.distance)
     items = [images] if isinstance(images, str | PathLike) else list(images)
     paths = collect_images(items)
-    files = [_output_files(paths, Path(output)) for output, _ in views]
+    has_folder = any(Path(item).is_dir() for item in items)
+    files = [_output_files(paths, Path(output), has_folder=has_folder) for output, _ in views]
     read = [*paths, *([Path(camera)] if isinstance(camera, str | PathLike) else [])]
     _check_outputs(files, [Path(each) for each in (mask, view_camera) if each], read)
-    folders = [Path(item) for item in items if Path(item).is_dir()]
-    for output, _ in views:
-        if len(paths) > 1:
-            check_output_folder(Path(output), [path.parent for path in paths] if folders else ())
     written = [_ImageView(central, options, own) for (_, options), own in zip(views, files, strict=True)]
     for i, path in enumerate(paths):
         progress("view", i, len(paths))
@@ -243,12 +240,19 @@ class _ImageView:
         return ViewResult.of(own.options, self._written, cameras, own.rotations, own.covered, errors=self.errors)
 
 
-def _output_files(images: Sequence[Path], output: Path) -> list[Path]:
-    """Return the file of the view of each image."""
+def _output_files(images: Sequence[Path], output: Path, *, has_folder: bool) -> list[Path]:
+    """Return the file of the view of each image; raise if an output folder cannot be used.
+
+    The view of the only image may be next to it, unless the image was found in a folder.
+    """
     several = len(images) > 1
     if several and output.is_file():
         raise ValueError(f"{output}: is a file; choose a folder for {len(images)} images")
-    return output_paths(images, output) if several or output.is_dir() else [output]
+    if not several and not output.is_dir():
+        return [output]
+    files = output_paths(images, output)
+    check_output_folder(output, [path.parent for path in images] if several or has_folder else ())
+    return files
 
 
 def _check_outputs(views: Sequence[Sequence[Path]], others: Sequence[Path], read: Sequence[Path]) -> None:
