@@ -35,13 +35,13 @@ def test_unreadable_files_are_skipped_with_the_reason(tmp_path, gray):
     assert found.board is BOARD
     found = found.images
     assert [p.path.name for p in found] == names
-    assert [p.note for p in found[:4]] == [
+    assert [p.note for p in found] == [
         "",
-        "b.jpg: truncated JPEG (no end-of-image marker)",
-        "c.jpg: empty file",
+        "truncated JPEG (no end-of-image marker)",
+        "empty file",
         "no 9x6 board detected",
+        "no such file or folder",
     ]
-    assert found[4].note.endswith("e.png: no such file or folder")
     assert [p.detection is not None for p in found] == [True, False, False, False, False]
     assert [p.size for p in found] == [(640, 480), None, None, (640, 480), None]
     assert found[0].sharpness > 0

@@ -46,6 +46,7 @@ def detect(
     from omnisight.images import collect_images
     from omnisight.images.output_paths import drawing_paths
     from omnisight.pipeline.detection.detect import detect as run
+    from omnisight.pipeline.detection.detection_advice import list_notes
     from omnisight.report.drawings.detections import draw_detections
 
     folder = None if output is None and is_json() else Path(output or DEFAULT_FOLDER)
@@ -54,8 +55,7 @@ def detect(
     with progress() as report:
         detections = run(images, options, progress=report)
         if all(image.size is None for image in detections.images):
-            notes = [f"  {image.note}" for image in detections.images[:5]]
-            raise ValueError("\n".join(["none of the images can be read:", *notes]))
+            raise ValueError("\n".join(["none of the images can be read:", *list_notes(detections)]))
         if is_json():
             from omnisight.corners.native import to_dict  # the package imports all readers of cameras and corners
 

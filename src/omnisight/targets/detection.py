@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import UnreadableImage
+from omnisight.images import UnreadableImage, reason_without_name
 from omnisight.progress import StageProgress, no_progress
 from omnisight.targets.boards import Board
 from omnisight.targets.boards.checkerboard import Checkerboard, squares_text
@@ -119,7 +119,7 @@ def _image_detection(
     path: Path, raw: RawDetections | UnreadableImage, board: Board | None, size: tuple[int, int] | None
 ) -> ImageDetection:
     if isinstance(raw, UnreadableImage):
-        return ImageDetection(path, note=str(raw))
+        return ImageDetection(path, note=reason_without_name(raw, path))
     if size is not None and raw.size != size:
         return ImageDetection(path, note=size_mismatch_note(raw.size, size))
     detections = [replace(detection, board=board) for detection in raw.boards]  # cached without it

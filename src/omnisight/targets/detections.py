@@ -72,7 +72,7 @@ class ImageDetection(Displayed):
     boards : tuple of Detection
         One per time that the board is seen, the one with most points first.
     note : str
-        Why there is no detection, or what else the user should know; may be empty.
+        Why there is no detection, or what else the user should know, without the file name; may be empty.
     remark : str
         The part of `note` that is not about the boards.
     sharpness : float

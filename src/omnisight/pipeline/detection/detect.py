@@ -12,7 +12,7 @@ import numpy as np
 from omnisight.calibration.warm_up import start_warm_up
 from omnisight.choices import check_options
 from omnisight.corners import read_corners
-from omnisight.images import IMAGE_SUFFIXES, UnreadableImage, collect_images, has_clip_suffix
+from omnisight.images import IMAGE_SUFFIXES, UnreadableImage, collect_images, has_clip_suffix, reason_without_name
 from omnisight.images.collect import expand_path
 from omnisight.images.output_paths import image_labels
 from omnisight.pipeline.detection.detect_options import DetectOptions, SourceOptions
@@ -60,7 +60,7 @@ def detect(
         try:
             frames = select_frames(path, board, apply_exif=options.apply_exif, cache=options.cache, progress=reading)
         except UnreadableImage as error:
-            unreadable.append(ImageDetection(path, note=str(error)))
+            unreadable.append(ImageDetection(path, note=reason_without_name(error, path)))
         else:
             images += frames.paths
             remarks[frames.paths[0]] = frames.note

@@ -91,9 +91,7 @@ class BatchImages:
         failed = dict(self.result.failed)
         texts = read_each_below(folder, [item.outputs[0] for item in items if item.inputs[0] not in failed])
         return [
-            UnreadableImage(f"{Path(name).name}: {failed[name]}")
-            if name in failed
-            else RawDetections.from_json(next(texts))
+            UnreadableImage(failed[name]) if name in failed else RawDetections.from_json(next(texts))
             for name in self.versions
         ]
 

@@ -66,7 +66,7 @@ def explain_too_few_detections(observations: Observations, required: int) -> str
         )
     detections = observations.detections
     number, total = len(detections.found), len(detections.images)
-    notes = _list_notes(detections)
+    notes = list_notes(detections)
     if isinstance(detections.board, PointTarget):
         summary = f"{number} of {total} images have enough corners; at least {required} are needed, 10 to 20 are good"
         return "\n".join([summary, *(f"  {note}" for note in detections.notes), *notes])
@@ -91,7 +91,7 @@ def explain_no_detection(detections: Detections) -> str:
     else:
         advice = detections.hint or board_advice(detections.board)
         summary = f"{detections.board} board detected in none of {total} images: {advice}"
-    return "\n".join([summary, *_list_notes(detections)])
+    return "\n".join([summary, *list_notes(detections)])
 
 
 def _describe_no_board(detections: Detections) -> str:
@@ -137,11 +137,7 @@ def _differences(image: ImageDetection, others: Sequence[ImageDetection]) -> lis
     return problems
 
 
-def _list_notes(detections: Detections) -> list[str]:
-    """Return the notes of the first images that have one; each starts with the file name."""
-    notes = [
-        image.note if image.note.startswith(image.path.name) else f"{image.path.name}: {image.note}"
-        for image in detections.images
-        if image.note
-    ]
+def list_notes(detections: Detections) -> list[str]:
+    """Return a line for each of the first images that have a note: the file name and the note."""
+    notes = [f"{image.path.name}: {image.note}" for image in detections.images if image.note]
     return [f"  {note}" for note in notes[:MAX_LISTED]] + ["  ..."] * (len(notes) > MAX_LISTED)
