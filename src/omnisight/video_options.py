@@ -54,7 +54,7 @@ class VideoOptions(Options):
         if self.codec is not None:
             self._check_quality(self.codec)
         if self.codec == "prores" and self.crf is not None:
-            raise ValueError("prores has no crf: leave it out")
+            raise ValueError("--codec prores has no --crf: leave it out")
 
     def codec_of(self, output: Path) -> Codec:
         """Return the codec of an output file.
@@ -77,4 +77,4 @@ class VideoOptions(Options):
     def _check_quality(self, codec: Codec) -> None:
         limit = 63 if codec in ("av1", "vp9") else 51
         if self.crf is not None and not 0 <= self.crf <= limit:
-            raise ValueError(f"crf is {self.crf}; choose 0 (best) to {limit}")
+            raise ValueError(f"--crf is {self.crf}; choose 0 (best) to {limit}")

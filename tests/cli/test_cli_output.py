@@ -173,4 +173,4 @@ def test_a_mistyped_option_gets_the_closest_one(run, command):
     for option in options:
         status, out, err = run(command, f"{option}q")
         assert status == 2
-        assert f"Did you mean {option}?" in out + err
+        assert f"did you mean {option}?" in out + err

@@ -87,6 +87,23 @@ def test_an_unknown_command_gets_the_closest_one(run):
             "unexpected argument 80: --fov accepts one value; for several, repeat it: --fov 90 --fov 80",
         ),
         (
+            ("target", "checkerboard", "--pattern", "9x6"),
+            "unknown option --pattern: omnisight target KIND PATTERN takes PATTERN without an option",
+        ),
+        (
+            ("calibrate", "--images=shots"),
+            "unknown option --images: omnisight calibrate IMAGES takes IMAGES without an option",
+        ),
+        (
+            ("target", "checkerboard", "9x6", "--square-size", "3cm"),
+            "unknown option --square-size (did you mean --square?)",
+        ),
+        (("target", "aprilgrid", "6x6", "--tag-size", "3cm"), "unknown option --tag-size (did you mean --tag?)"),
+        (
+            ("target", "circles", "4x11", "--rows", "3"),
+            "unknown option --rows; omnisight target --help lists the options",
+        ),
+        (
             ("target", "checkerboard", "9x6", "--square", "24", "mm"),
             "unexpected argument mm: --square accepts one value",
         ),

@@ -226,7 +226,7 @@ def test_wrong_sizes_and_options_are_reported():
         FeatureOptions(surface="tiles")
     with pytest.raises(ValueError, match="--max-keypoints must be at least 1"):
         FeatureOptions(max_keypoints=0)
-    with pytest.raises(ValueError, match="max_resolution must be positive"):
+    with pytest.raises(ValueError, match="--max-resolution must be positive"):
         FeatureOptions(max_resolution=0.0)
 
 

@@ -1,6 +1,8 @@
 """Messages of arguments that a command does not accept."""
 
-from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnusedCliTokensError
+from difflib import get_close_matches
+
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownOptionError, UnusedCliTokensError
 
 
 def option_error(error: CycloptsError) -> str:
@@ -10,12 +12,36 @@ def option_error(error: CycloptsError) -> str:
         message = str(error.__cause__)  # without the name of the option, which the messages of converters contain
     if isinstance(error, UnusedCliTokensError):
         message = _unused_arguments(error)
+    if isinstance(error, UnknownOptionError):
+        message = _unknown_option(error)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         command = " ".join(("omnisight", *(error.command_chain or ())))
         message = f"{error.argument.name} is missing; {command} --help describes it"
         if error.keyword is not None:
             message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
     return message
+
+
+def _unknown_option(error: UnknownOptionError) -> str:
+    """Return the message of an option that the command does not have, with the one that is meant.
+
+    Names are compared without their dashes, which all share. Of close ones, that with most of the typed words is meant:
+    --square for --square-size.
+    """
+    command = " ".join(("omnisight", *(error.command_chain or ())))
+    typed = (error.token.keyword or error.token.value).partition("=")[0]
+    word, arguments = typed.lstrip("-"), error.argument_collection
+    positional = [argument.name for argument in arguments if argument.index is not None]
+    if word.upper() in positional:
+        return f"unknown option {typed}: {command} {' '.join(positional)} takes {word.upper()} without an option"
+    options = {
+        name.lstrip("-"): name for argument in arguments if argument.parse for name in argument.names if name[:1] == "-"
+    }
+    words = {*word.split("-")}
+    close = get_close_matches(word, options) or [name for name in options if name in words]
+    meant = max(close, key=lambda name: len(words & {*name.split("-")}), default=None)
+    advice = f" (did you mean {options[meant]}?)" if meant else f"; {command} --help lists the options"
+    return f"unknown option {typed}{advice}"
 
 
 def _unused_arguments(error: CycloptsError) -> str:

@@ -56,7 +56,7 @@ class FeatureOptions(Options):
         if self.max_keypoints < 1:
             raise ValueError(f"--max-keypoints must be at least 1, got {self.max_keypoints}")
         if not self.max_resolution > 0:
-            raise ValueError(f"max_resolution must be positive, got {self.max_resolution:g}")
+            raise ValueError(f"--max-resolution must be positive, got {self.max_resolution:g}")
 
 
 def detect_features(

@@ -100,4 +100,4 @@ class NextViewOptions(SourceOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 1 <= self.count <= MAX_PROPOSALS:
-            raise ValueError(f"count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")
+            raise ValueError(f"--count is {self.count}; choose 1 to {MAX_PROPOSALS} images to propose")

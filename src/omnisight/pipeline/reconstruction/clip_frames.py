@@ -62,7 +62,7 @@ def extract_frames(
         If a file cannot be written.
     """
     if not fps > 0:
-        raise ValueError(f"fps is {fps:g}; choose a positive number of images per second")
+        raise ValueError(f"--fps is {fps:g}; choose a positive number of images per second")
     source, target = Path(clip), Path(folder)
     video = None if is_bag(source, topic) else Clip.open(source, upright=apply_exif)
     total, frames = _of_bag(source, topic, fps) if video is None else _of_clip(video, fps)

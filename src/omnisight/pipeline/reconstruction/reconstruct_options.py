@@ -70,10 +70,10 @@ class ReconstructOptions(BatchOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.window < 1:
-            raise ValueError(f"window is {self.window}; choose at least 1 following image")
+            raise ValueError(f"--window is {self.window}; choose at least 1 following image")
         if not self.fps > 0:
-            raise ValueError(f"fps is {self.fps:g}; choose a positive number of images per second")
+            raise ValueError(f"--fps is {self.fps:g}; choose a positive number of images per second")
         if self.scale and self.positions:
-            raise ValueError("positions determine the scale: leave scale out")
+            raise ValueError("--positions determine the scale: leave --scale out")
         if self.max_keypoints < 1:
             raise ValueError(f"--max-keypoints is {self.max_keypoints}; choose a positive number")

@@ -60,7 +60,7 @@ class StitchOptions(Options):
         if self.width is not None and self.width % 16:
             raise ValueError(f"--width is {self.width}; choose a multiple of 16, such as {self.width // 16 * 16}")
         if self.every < 0:
-            raise ValueError(f"every is {self.every}; choose a positive number of frames, or 0")
+            raise ValueError(f"--every is {self.every}; choose a positive number of frames, or 0")
         for name in ("pitch", "roll", "yaw"):
             if not abs(getattr(self, name)) <= 360:
-                raise ValueError(f"{name} is {getattr(self, name):g}; choose -360 to 360 degrees")
+                raise ValueError(f"--{name} is {getattr(self, name):g}; choose -360 to 360 degrees")

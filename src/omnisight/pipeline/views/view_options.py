@@ -159,7 +159,7 @@ class ViewMotion(Displayed):
 
     def __post_init__(self) -> None:
         if self.path is not None and self.pan is not None:
-            raise ValueError("specify keyframes or a pan, not both: the keyframes contain the yaw")
+            raise ValueError("specify --path or --pan, not both: the keyframes of a path contain the yaw")
         if self.follow is not None and self.stabilize is None:
             raise ValueError("--follow smooths the poses of --stabilize: specify their file too")
         if self.follow is not None and not 0 < self.follow < math.inf:
