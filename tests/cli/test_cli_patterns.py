@@ -31,7 +31,7 @@ def test_columns_and_rows_may_be_swapped_and_squares_counted(run, shots):
 def test_wrong_pattern_gives_a_hint_with_the_right_one(refuses, shots, option, requested):
     message = refuses("calibrate", shots, *option)
     assert f"{requested.split()[0]} board detected in 0 of 6 images" in message
-    assert "found a 9x6 grid of inner corners (10x7 squares) in 6/6 images" in message
+    assert "found a grid of 9x6 inner corners (10x7 squares) in 6/6 images" in message
     assert f"but the requested board is {requested}. Use --pattern 9x6 or --squares 10x7." in message
 
 
@@ -91,5 +91,7 @@ def test_symmetric_board_is_noted(run, tmp_path):
     status, out, _ = run("calibrate", tmp_path, "--model", "equidistant", "--verbose")
     assert status == 0
     (remark,) = [remark for remark in remarks(out) if "upside-down" in remark]
-    assert remark.startswith("a 8x6 board looks the same upside-down, which is unambiguous for one camera but not for")
-    assert remark.endswith("use a 8x5 board for those")
+    assert remark.startswith(
+        "the 8x6 board looks the same upside-down, which is unambiguous for one camera but not for"
+    )
+    assert remark.endswith("use one of 8x5 for those")

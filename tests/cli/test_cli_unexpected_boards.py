@@ -84,7 +84,7 @@ def test_missing_board_with_markers_is_reported_with_its_fields(refuses, charuco
 def test_counted_squares_give_a_hint_with_the_right_pattern(run, shots, tmp_path):
     status, out, _ = run("detect", shots, "--pattern", "10x7", "-o", tmp_path / "drawn")
     assert status == 0
-    assert "found a 9x6 grid of inner corners (10x7 squares) in 6/6 images, but the requested board is 10x7" in out
+    assert "found a grid of 9x6 inner corners (10x7 squares) in 6/6 images, but the requested board is 10x7" in out
     assert "(11x8 squares). Use --pattern 9x6 or --squares 10x7." in out
 
 
@@ -93,7 +93,7 @@ def test_images_of_another_board_may_be_dropped(run, refuses, tmp_path):
     for i, (board, placed) in enumerate(zip(boards, [*POSES, (10, 20, 30, 8)], strict=True)):
         write_image(tmp_path / f"{i}.png", scene((board, drawn_pose(board, *placed), True)))
     drops = [word for i in range(3, 7) for word in ("--drop", f"{i}.png")]
-    assert "found a 8x5 grid" in refuses("calibrate", tmp_path, *QUICK, *drops[:2], "--drop", "0.png")
+    assert "found a grid of 8x5 inner corners" in refuses("calibrate", tmp_path, *QUICK, *drops[:2], "--drop", "0.png")
     status, _, err = run("calibrate", tmp_path, *QUICK, *drops)
     assert (status, err) == (0, "")
 

@@ -88,7 +88,7 @@ def test_only_an_unreadable_clip_is_rejected_with_the_reason(refuses, tmp_path, 
 
 def test_a_wrong_pattern_gives_a_hint(refuses, clip):
     error = refuses("calibrate", clip, "--pattern", "5x3")
-    assert "found a 9x6 grid of inner corners" in error
+    assert "found a grid of 9x6 inner corners" in error
     assert "Use --pattern 9x6" in error
 
 

@@ -325,6 +325,8 @@ def test_an_image_twice_as_wide_as_high_needs_no_camera(run, photo, tmp_path):
     status, _, err = run("view", tmp_path / "360.png", "--yaw", "135", "--fov", "60", "-o", tmp_path / "right.png")
     assert (status, err) == (0, "")
     assert (read_image(tmp_path / "right.png") == (200, 100, 50)).all()
+    said = run("view", tmp_path / "360.png", "--to", "cube", "--size", "64", "-o", tmp_path / "cube.png")[1]
+    assert "100% of the image is visible, 100% of the view is covered" in said
     status, _, err = run("view", photo, "-o", tmp_path / "view.png")
     assert status == 2
     assert "only 2:1 equirectangular images need no camera" in err

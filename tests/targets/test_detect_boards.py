@@ -136,7 +136,7 @@ def test_miscounted_pattern_gives_a_hint_with_the_right_one(tmp_path, gray):
     found = detect_boards(paths, Checkerboard(8, 6))
     assert found.images[0].note == "no 8x6 board detected, but one of 9x6"
     assert found.hint == (
-        "found a 9x6 grid of inner corners (10x7 squares) in 2/3 images, but the requested board is 8x6 (9x7 squares)."
+        "found a grid of 9x6 inner corners (10x7 squares) in 2/3 images, but the requested board is 8x6 (9x7 squares)."
         " Use --pattern 9x6 or --squares 10x7."
     )
     assert detect_boards(paths, BOARD).hint is None

@@ -135,10 +135,11 @@ def _camera_summary(calibration: Calibration) -> str:
     camera, observations = calibration.camera, calibration.observations
     total = len(observations.detections.images) if observations.detections else len(observations)
     used = len(observations.detections.found) if observations.detections else len(observations)
+    outliers = int(calibration.outliers.sum())
     return (
         f"{calibration.best.name}, {camera.width}x{camera.height}, calibrated to"
         f" {np.degrees(camera.theta_max or 0):.0f}° off-axis, {used} of {total} images,"
-        f" {len(observations.pixels)} corners, {int(calibration.outliers.sum())} outliers"
+        f" {len(observations.pixels)} corners, {outliers} {'outlier' if outliers == 1 else 'outliers'}"
     )
 
 
@@ -211,8 +212,8 @@ def _remarks(calibration: Calibration, rows: list[dict[str, Any]]) -> Iterator[s
     board = detections.board
     if isinstance(board, Checkerboard) and board.is_symmetric:
         yield (
-            f"a {board} board looks the same upside-down, which is unambiguous for one camera but not for several;"
-            f" use a {board.columns}x{board.rows - 1} board for those"
+            f"the {board} board looks the same upside-down, which is unambiguous for one camera but not for several;"
+            f" use one of {board.columns}x{board.rows - 1} for those"
         )
     if ambiguous := sum(not d.located for image in detections.images for d in image.boards):
         yield f"{ambiguous} boards are only partly visible, with ambiguous corner numbers; the camera is unaffected"

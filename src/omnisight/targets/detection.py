@@ -177,7 +177,7 @@ def _pattern_hint(
         return None
     columns, rows = pattern
     return (
-        f"found a {columns}x{rows} grid of inner corners ({squares_text(columns, rows)}) in {count}/{len(raw)} images,"
+        f"found a grid of {columns}x{rows} inner corners ({squares_text(columns, rows)}) in {count}/{len(raw)} images,"
         f" but the requested board is {board} ({squares_text(board.columns, board.rows)}). Use --pattern"
         f" {columns}x{rows} or --squares {columns + 1}x{rows + 1}."
     )

@@ -44,7 +44,7 @@ class ViewResult(Displayed):
     image_fraction
         Share of the image that the view shows.
     view_fraction
-        Share of the view that the image covers.
+        Share of the view, or of all faces of a cube, that the image covers.
     extrapolated_fraction
         Share of the covered view that is outside the calibrated field of view.
     magnification
@@ -84,7 +84,7 @@ class ViewResult(Displayed):
             target,
             tuple(rotations),
             image_fraction=sum(visible_fraction(source, target, rotation) for rotation in rotations),
-            view_fraction=float(covered.mean()),
+            view_fraction=float(covered.sum() / (target.width * target.height * len(rotations))),  # not of the cross
             extrapolated_fraction=extrapolated_fraction(source, target, rotations),
             magnification=magnification(source, target, rotations[0]),
             errors=tuple(errors),
