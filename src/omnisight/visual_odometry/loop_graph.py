@@ -18,8 +18,8 @@ Indices = NDArray[np.intp]
 # surface: in a rendered room, street and town 0.8 in consecutive keyframes, 0.55 to 0.6 eight apart, and 0.4 to 0.44
 # sixteen apart. See docs/guide/odometry.md.
 TRACK_CORRELATION = 0.6
-# Systematic drift of the logarithm of the scale per keyframe: root mean square over ten sequences. Its sign depends on the
-# images, and mostly changes in the reverse order.
+# Systematic drift of the logarithm of the scale per keyframe: root mean square over ten sequences. Its sign depends on
+# the images, and mostly changes in the reverse order.
 SCALE_DRIFT = 5e-5
 # Errors of a loop besides the noise of its rays: rotation, position relative to the distance of the points, scale.
 LOOP_ROTATION_RAD, LOOP_DISTANCE, LOOP_LOG_SCALE = np.radians(0.05), 0.003, 0.003
