@@ -240,6 +240,7 @@ def test_several_images_cannot_go_to_one_file(refuses, shots, camera_file, tmp_p
 DAMAGED = {
     "empty": ("", "empty file"),
     "prose": ("hello there", "not a calibration file of a known format (begins with 'hello there')"),
+    "board": ('{"target": "checkerboard", "columns": 9}', "describes a board (--target), not a camera"),
     "half": ('{"format": "omnisight-camera", "version": 1, "mod', "omnisight JSON"),
     "other": ('{"format": "omnisight-scene", "version": 1}', "\"format\" is 'omnisight-scene'"),
     "newer": ('{"format": "omnisight-camera", "version": 99}', "version 99; this version of omnisight reads up to 1"),
@@ -278,7 +279,7 @@ def test_files_that_are_no_camera_are_rejected_by_name(refuses, photo, tmp_path,
     path = {"missing": tmp_path / "no.json", "folder": tmp_path, "image": photo}[what]
     said = refuses("view", photo, "--camera", path, "-o", tmp_path / "v.png")
     assert str(path) in said
-    expected = {"missing": "no such file", "folder": "is a folder", "image": "not a calibration file of a known format"}
+    expected = {"missing": "no such file", "folder": "is a folder", "image": "is an image, not a calibration file"}
     assert expected[what] in said
 
 

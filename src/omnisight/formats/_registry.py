@@ -1,6 +1,7 @@
 """Find the format of a file, read and write calibration files."""
 
 import dataclasses
+import re
 from collections.abc import Collection
 from itertools import islice
 from pathlib import Path
@@ -15,13 +16,15 @@ from omnisight.formats._files import encode, is_binary, read_file
 from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResult
 from omnisight.formats._readers import reader_note
 from omnisight.geometry.rotation import log
-from omnisight.images import write_bytes
+from omnisight.images import IMAGE_SUFFIXES, write_bytes
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
 PACKAGE = "omnisight.formats"
 MAX_LISTED = 12  # names of cameras in a message
 YAML_SUFFIXES = (".yaml", ".yml")
+# The first field of a file of omnisight target.
+BOARD_FILE = re.compile(r'\s*\{\s*"target"\s*:')
 # What a damaged file raises where no check has a better message.
 PARSE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
@@ -92,10 +95,17 @@ def load_all(path: str | Path) -> dict[str, Camera | RayCamera]:
         if not cameras:
             raise FormatError(f"{path}: {candidate.TITLE}: holds no camera")
         return cameras
+    raise FormatError(f"{path}: {_content(Path(path), text)}")
+
+
+def _content(path: Path, text: str) -> str:
+    """Return what a file of none of the formats is instead of a calibration."""
+    if is_binary(text) and path.suffix.lower() in IMAGE_SUFFIXES:
+        return "is an image, not a calibration file, which omnisight calibrate makes from images"
+    if BOARD_FILE.match(text):
+        return "describes a board (--target), not a camera"
     content = "binary data" if is_binary(text) else f"begins with {text.strip()[:40]!r}"
-    raise FormatError(
-        f"{path}: not a calibration file of a known format ({content}); known formats: {', '.join(format_names())}"
-    )
+    return f"not a calibration file of a known format ({content}); known formats: {', '.join(format_names())}"
 
 
 def parse_error_message(error: Exception) -> str:
