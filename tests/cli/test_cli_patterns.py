@@ -85,6 +85,12 @@ def test_no_board_in_any_image_asks_for_the_pattern(refuses, tmp_path):
     assert "0.png: no 9x6 board detected" in message
 
 
+def test_equirectangular_images_need_no_calibration(refuses, tmp_path):
+    for i in range(2):
+        write_image(tmp_path / f"{i}.png", np.full((240, 480), 90 * i, np.uint8))
+    assert "equirectangular images (2:1) need no calibration; if they show" in refuses("calibrate", tmp_path)
+
+
 def test_symmetric_board_is_noted(run, tmp_path):
     for i, view in enumerate(POSES[:4]):
         write_image(tmp_path / f"{i}.png", shot(view, 8, 6)[0])

@@ -95,9 +95,11 @@ def explain_no_detection(detections: Detections) -> str:
 
 
 def _describe_no_board(detections: Detections) -> str:
-    total = len(detections.images)
+    sizes = [image.size for image in detections.images if image.size is not None]
+    are_spheres = bool(sizes) and all(width == 2 * height for width, height in sizes)
     return (
-        f"no checkerboard, markers or grid of circles detected in {total} images: if they show a board, specify"
+        f"no checkerboard, markers or grid of circles detected in {len(detections.images)} images:"
+        f"{' equirectangular images (2:1) need no calibration;' if are_spheres else ''} if they show a board, specify"
         " --pattern, its inner corners as columns x rows such as 9x6, or --target"
     )
 
