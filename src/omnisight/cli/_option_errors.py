@@ -15,8 +15,7 @@ def option_error(error: CycloptsError) -> str:
     if isinstance(error, UnknownOptionError):
         message = _unknown_option(error)
     if isinstance(error, MissingArgumentError) and error.argument is not None:
-        command = " ".join(("omnisight", *(error.command_chain or ())))
-        message = f"{error.argument.name} is missing; {command} --help describes it"
+        message = f"{error.argument.name} is missing; {_command(error)} --help describes it"
         if error.keyword is not None:
             message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
     return message
@@ -28,7 +27,7 @@ def _unknown_option(error: UnknownOptionError) -> str:
     Names are compared without their dashes, which all share. Of close ones, that with most of the typed words is meant:
     --square for --square-size.
     """
-    command = " ".join(("omnisight", *(error.command_chain or ())))
+    command = _command(error)
     typed = (error.token.keyword or error.token.value).partition("=")[0]
     word, arguments = typed.lstrip("-"), error.argument_collection
     positional = [argument.name for argument in arguments if argument.index is not None]
@@ -46,7 +45,7 @@ def _unknown_option(error: UnknownOptionError) -> str:
 
 def _unused_arguments(error: CycloptsError) -> str:
     """Return the message of arguments that the command does not have."""
-    command = " ".join(("omnisight", *(error.command_chain or ())))
+    command = _command(error)
     unused, typed = error.unused_tokens or [], error.root_input_tokens or []
     before = typed[: typed.index(unused[0])] if unused and unused[0] in typed else []
     arguments = error.app.assemble_argument_collection() if error.app else ()
@@ -60,3 +59,8 @@ def _unused_arguments(error: CycloptsError) -> str:
         if "list[" in str(option.hint) or "tuple[" in str(option.hint):
             advice += f"; for several, repeat it: {name} {value} {name} {unused[0]}"
     return f"unexpected argument {' '.join(unused)}: {advice}"
+
+
+def _command(error: CycloptsError) -> str:
+    """Return the command that does not accept the arguments, as it is typed."""
+    return " ".join(("omnisight", *(error.command_chain or ())))
