@@ -5,6 +5,9 @@ import numpy as np
 from omnisight.cli._output import write_json
 from omnisight.pipeline.localization.compass import CompassResult
 
+# Standard deviation, degrees, from which ± 2σ is half a turn or more.
+UNKNOWN_DEG = 45.0
+
 
 def print_json(result: CompassResult) -> None:
     """Print the result as one JSON object."""
@@ -43,3 +46,6 @@ def print_report(result: CompassResult) -> None:
     sigma = float(np.median(sigmas)) if sigmas else 0.0
     references = "1 reference" if result.references == 1 else f"{result.references} references"
     print(f"headings  {len(result.headings)}, {references}, ± {sigma:.2f}° (1σ, median)")
+    unknown = sum(each.sigma_deg >= UNKNOWN_DEG for each in result.headings)
+    if unknown:
+        print(f"note      {unknown} unknown (σ of {UNKNOWN_DEG:g}° or more): probably no reference shows the place")
