@@ -158,7 +158,7 @@ class Map:
         (of_a, in_a), (of_b, in_b) = self.observations[a], self.observations[b]
         _, first, second = np.intersect1d(of_a, of_b, return_indices=True)
         by_others = np.column_stack([in_a[first], in_b[second]])
-        pairs = np.concatenate([self.graph.matches.get((a, b), by_others[:0]), by_others])
+        pairs = np.concatenate([self.graph.matches_of(a, b), by_others])
         return pairs[np.unique(pairs @ [self.images.offsets[-1], 1], return_index=True)[1]]
 
     @cached_property

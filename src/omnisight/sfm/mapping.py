@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from omnisight.features import Keypoints
 from omnisight.optim.loss import StudentT
-from omnisight.parallel import parallel_for
 from omnisight.ray_camera import RayCamera
 from omnisight.sfm.bundle_adjustment import TOLERANCE, adjust_bundle
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.initial_poses import InitialPoses, initial_poses, panorama_poses
 from omnisight.sfm.map import Map
+from omnisight.sfm.map_points import tracks_of_edges, with_triangulated_points
 from omnisight.sfm.missing_matches import missing_matches
 from omnisight.sfm.noise import noise_of_map
 from omnisight.sfm.registration import register_frames
@@ -27,27 +27,12 @@ Indices = NDArray[np.intp]
 # Called with the number of frames in a map.
 Watch = Callable[[int], None]
 
-# Residuals of inliers in units of the scale of the noise.
-MAX_RESIDUAL_SIGMA = 5.0
-# Observations beyond which a track is divided. Matches follow a texture whose keypoint changes with the viewpoint, so
-# that a long chain drifts from its point; and each track connects all its frames in the normal equations. Errors of
-# positions and rotations in 1000 rendered images of a town were 0.013 % and 0.07 degrees without a limit, 0.008 % and
-# 0.09 degrees with 80, and 0.014 % and 0.11 degrees with 40, where bundle adjustment took 88 s instead of 141 s.
-MAX_TRACK_LENGTH = 80
-# Tracks that two frames must have in common to be in one: fewer do not determine a relative pose (D. Nister, An
-# efficient solution to the five-point relative pose problem, 2004), but each such pair of frames is a block of the
-# normal equations. In 1000 images of a town they were 0.04 % of the observations and six sevenths of the arithmetic.
-MIN_COMMON_POINTS = 5
-# Least parallax of a point: below, its distance is uncertain, and its errors are skewed.
-MIN_PARALLAX_RAD = float(np.radians(0.5))
 # Standard deviation of the residuals of the averaged poses in units of that of the keypoints.
 INITIAL_SCALE = 10.0
 # Rounds of triangulation and bundle adjustment; the last one changes the noise by less than this share.
 MAX_ROUNDS, CONVERGED_CHANGE = 6, 0.05
 # Tolerance of the bundle adjustments before the last one; 1e-4 doubles the errors of images 2 to 5 m apart.
 ROUGH_TOLERANCE = 1e-5
-# Tracks per task of a thread.
-TRACKS_PER_TASK = 1024
 
 
 def map_images(
@@ -62,8 +47,8 @@ def map_images(
 
     Orientations and positions are averaged over the edges; tracks are triangulated, and poses and points refined by
     bundle adjustment (as in L. Pan et al., Global structure-from-motion revisited, ECCV 2024, but with positions from
-    relative scales). Frames that averaging left out are registered by resection. Frames that are connected by rotations
-    only form a map without points.
+    relative scales). Frames that averaging left out, or that are not verified, are registered by resection. Frames that
+    are connected by rotations only form a map without points.
 
     Parameters
     ----------
@@ -79,58 +64,37 @@ def map_images(
         Whether bundle adjustment refines the poses of the sensors.
     """
     distances = PointDistances(keypoints)
-    graph = without_contradicted_edges(graph, distances, images)
-    maps, rest = list[Map](), graph.edges
-    while rest:
-        first = _first_poses(replace(graph, edges=rest), distances, images)
-        rest = [edge for edge in rest if edge.images not in first.contradicted]
+    rest, maps = without_contradicted_edges(graph, distances, images), list[Map]()
+    while rest.edges:
+        first = _first_poses(rest, distances, images)
+        rest = replace(rest, edges=[edge for edge in rest.edges if edge.images not in first.contradicted])
         if not len(first.frames):
             continue
-        start = _without_points(first, images, replace(graph, edges=rest), refines_sensors)
-        is_moving = any(edge.has_translation for edge in rest)
-        found = _refine_and_extend(start, watch) if is_moving else start
+        start = _without_points(first, images, rest, refines_sensors)
+        is_moving = any(edge.has_translation for edge in rest.edges)
+        found = _refine_and_extend(start, keypoints, watch) if is_moving else start
         is_map = (found.row_of_image >= 0).sum() > 1
         maps += [found] if is_map else []
         inside = (found if is_map else start).row_of_image >= 0
-        rest = [edge for edge in rest if not inside[edge.a] and not inside[edge.b]]
+        rest = rest.without_images(inside)
     return sorted(maps, key=lambda found: -len(found.frames))
 
 
-def _refine_and_extend(start: Map, watch: Watch) -> Map:
-    """Refine a map of averaged poses, and register further frames, while more of them agree with it."""
-    found, edges, size = start, start.graph.edges, (0, 0)
+def _refine_and_extend(start: Map, keypoints: Sequence[Keypoints], watch: Watch) -> Map:
+    """Refine a map of averaged poses, and register frames that it lacks or does not verify, each once."""
+    found, edges, registered = start, start.graph.edges, np.zeros(0, np.intp)
     while True:
-        found = _refined(found, _tracks(found, edges), watch)
+        found = _refined(found, tracks_of_edges(found, edges), watch)
         contradicted = _contradicted_frames(found)
         if contradicted.any() and not contradicted.all():
             found = found.with_frames(~contradicted)
-            found = _refined(found, _tracks(found, edges), watch)
+            found = _refined(found, tracks_of_edges(found, edges), watch)
         found = found.with_verification()
-        before, size = size, (len(found.verified), len(found.frames))
-        if size <= before:  # the registered frames did not agree with the map
+        new = register_frames(found, edges, registered, keypoints)
+        if not len(new.frames):
             return found
-        extended = _with_registered_frames(found, edges)
-        if extended is found:
-            return found
-        found = extended
-
-
-def _with_registered_frames(found: Map, edges: Sequence[Edge]) -> Map:
-    """Return the map with new poses of the frames that it lacks, and of those that are not verified.
-
-    A pose that is not verified can rest on one wrong relative pose. It is replaced if more matches agree with another
-    one, which the points of the verified frames determine.
-    """
-    rows, verified = found.row_of_image, found.with_frames(found.is_verified)
-    within = [edge for edge in edges if rows[edge.a] >= 0 and rows[edge.b] >= 0]
-    added = register_frames(found.frames, found.tracks, found.points, edges, found.images)
-    again = register_frames(verified.frames, verified.tracks, verified.points, within, found.images)
-    observations = np.zeros(found.images.frames, np.intp)
-    observations[found.frames] = np.bincount(rows[found.tracks.image], minlength=len(found.frames))
-    better = again.select(again.support > observations[again.frames])
-    if not len(added.frames) and not len(better.frames):
-        return found
-    return found.with_poses(added.frames, added.rig_from_world).with_poses(better.frames, better.rig_from_world)
+        found, edges = found.with_poses(new.frames, new.rig_from_world), edges + new.edges
+        registered = np.append(registered, new.frames)
 
 
 def _first_poses(graph: ViewGraph, points: PointDistances, images: RigImages) -> InitialPoses:
@@ -149,7 +113,7 @@ def refine_poses(
     The poses are in the unit of the rig if its sensors are apart; the first frame keeps its pose.
     """
     start = _without_points(first, images, graph, refines_sensors)
-    return _refined(start, _tracks(start, graph.edges), watch)
+    return _refined(start, tracks_of_edges(start, graph.edges), watch)
 
 
 def refine_with_ray_cameras(
@@ -157,7 +121,7 @@ def refine_with_ray_cameras(
 ) -> Map:
     """Return a map in metres refined with the exact rays of non-central cameras, which were approximated before."""
     exact = replace(found, images=found.images.with_ray_cameras(cameras, keypoints))
-    return _refined(exact, _tracks(exact, edges), watch)
+    return _refined(exact, tracks_of_edges(exact, edges), watch)
 
 
 def _without_points(first: InitialPoses, images: RigImages, graph: ViewGraph, refines_sensors: bool) -> Map:
@@ -168,22 +132,18 @@ def _without_points(first: InitialPoses, images: RigImages, graph: ViewGraph, re
     return Map(images, *poses, *no_points, graph, refines_sensors, values)
 
 
-def _tracks(current: Map, edges: Sequence[Edge]) -> Tracks:
-    """Return the tracks of the edges between images of a map."""
-    inside = current.row_of_image >= 0
-    return build_tracks([e for e in edges if inside[e.a] and inside[e.b]], np.diff(current.images.offsets).tolist())
-
-
 def _refined(current: Map, tracks: Tracks, watch: Watch) -> Map:
     """Triangulate tracks and adjust poses and points until the noise of the residuals stays the same."""
     for _ in range(MAX_ROUNDS):
         before = current.noise.sigma
-        current = _triangulated(current, tracks)
+        current = with_triangulated_points(current, tracks)
         watch(len(current.frames))
         current = adjust_map(current, ROUGH_TOLERANCE)
         if abs(current.noise.sigma - before) <= CONVERGED_CHANGE * before:
             break
-    refined = _without_unsupported_frames(_without_points_at_cameras(adjust_map(_triangulated(current, tracks))))
+    refined = _without_unsupported_frames(
+        _without_points_at_cameras(adjust_map(with_triangulated_points(current, tracks)))
+    )
     watch(len(refined.frames))
     return refined
 
@@ -218,35 +178,6 @@ def _contradicted_frames(found: Map) -> NDArray[np.bool_]:
         if not (excess > 0).any():
             return contradicted
         contradicted[excess.argmax()] = True
-
-
-def _triangulated(current: Map, tracks: Tracks) -> Map:
-    """Return the map with the points of all tracks that agree with its poses."""
-    of_frame = current.rig_from_world[current.row_of_image]
-    centers = -np.einsum("iba,ib->ia", of_frame[:, :, :3], of_frame[:, :, 3])
-    whole = _with_points(current, tracks.divided(centers[tracks.image], MAX_TRACK_LENGTH))
-    divided = whole.tracks.divided_where_few_are_common(whole.row_of_image[whole.tracks.image], MIN_COMMON_POINTS)
-    return whole if divided is whole.tracks else _with_points(current, divided)
-
-
-def _with_points(current: Map, tracks: Tracks) -> Map:
-    """Return the map with the points of tracks, and the observations that agree with its poses."""
-    from omnisight.sfm._track_kernel import triangulate_tracks
-
-    images, which = current.images, current.images.keypoints(tracks)
-    of_frame = current.rig_from_world[current.row_of_image[tracks.image]]
-    of_sensor = current.sensor_from_rig[images.sensor[tracks.image]]
-    rotations = of_sensor[:, :, :3] @ of_frame[:, :, :3]
-    translations = np.einsum("mij,mj->mi", of_sensor[:, :, :3], of_frame[:, :, 3]) + of_sensor[:, :, 3]
-    origins = np.einsum("mji,mj->mi", rotations, images.origins[which] - translations)
-    directions = np.einsum("mji,mj->mi", rotations, images.bearings[which])
-    world_rays = tracks.starts, tracks.image, origins, directions, images.axes[which] @ rotations
-    limits = (MAX_RESIDUAL_SIGMA * current.noise.sigma) ** 2, MIN_PARALLAX_RAD
-    points, inliers = np.empty((len(tracks), 3)), np.zeros(len(which), bool)
-    arguments = *world_rays, *limits
-    parallel_for(lambda a, b: triangulate_tracks(*arguments, a, b, points, inliers), len(tracks), TRACKS_PER_TASK)
-    agreeing, kept = tracks.select(inliers)
-    return replace(current, points=points[kept], tracks=agreeing)
 
 
 def adjust_map(current: Map, tolerance: float = TOLERANCE) -> Map:

@@ -88,6 +88,16 @@ class ViewGraph:
         """Keypoints (N, 2) of the inliers of each pair of images with an edge."""
         return {edge.images: edge.pairs for edge in self.edges}
 
+    def matches_of(self, a: int, b: int) -> Indices:
+        """Return the keypoints (N, 2) of the inliers of two images; none if they have no edge."""
+        pairs = self.matches.get((a, b))
+        return self.matches.get((b, a), np.zeros((0, 2), np.intp))[:, ::-1] if pairs is None else pairs
+
+    def without_images(self, left_out: NDArray[np.bool_]) -> "ViewGraph":
+        """Return the view graph without the images of a mask (I,)."""
+        edges = [edge for edge in self.edges if not left_out[list(edge.images)].any()]
+        return replace(self, edges=edges, compared=[pair for pair in self.compared if not left_out[list(pair)].any()])
+
     def support_of(self, edges: Sequence[Edge]) -> Array:
         """Return the number of matches (E,) that support each edge."""
         return np.array([self.support.get(edge, len(edge.pairs)) for edge in edges], float)
