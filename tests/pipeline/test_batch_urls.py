@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from batch_tasks import Reverse, run
 
+from omnisight.pipeline.batch import storage
 from omnisight.pipeline.batch.batch import Batch
 from omnisight.pipeline.batch.batch_options import BatchOptions
 from omnisight.pipeline.batch.storage import file_system, list_images, read_file
@@ -103,7 +104,8 @@ def test_a_damaged_archive_is_refused_by_its_name(tmp_path):
 
 
 def test_an_object_store_without_credentials_is_reported_with_what_to_do(tmp_path, monkeypatch):
-    pytest.importorskip("s3fs")
+    pytest.importorskip("s3fs").S3FileSystem.clear_instance_cache()
+    storage._opened.cache_clear()
     for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_PROFILE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")

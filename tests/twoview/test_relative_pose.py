@@ -54,6 +54,19 @@ def test_outliers_do_not_leave_the_direction_of_a_forward_motion_unknown():
         assert errors_deg(found.b_from_a, pose)[1] < 2
 
 
+@pytest.mark.slow
+def test_outliers_that_agree_with_distant_points_are_part_of_the_covariance():
+    """The residuals of outliers are small where the parallax is."""
+    steps, covariances = [], []
+    for seed in range(200):
+        a, b, pose, _ = Forward(60, 0.7, 0.2, count=500).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.2)
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+    # The mean was 1.3 with the same density of residuals for all outliers.
+    assert 0.85 < normalized_squares(steps, covariances, 5).mean() < 1.15
+
+
 def test_covariances_of_bearings_weight_the_pairs():
     scene = Scene(190, 0.0)
     steps, covariances, plain = [], [], []

@@ -8,7 +8,7 @@ import numpy as np
 from omnisight.compiled import njit_driver, njit_helper
 from omnisight.optim._eigen_kernel import inverse_root, symmetric_eigen, times_gram
 from omnisight.optim._normal_equations_kernel import add_observation
-from omnisight.optim._robust_problem_kernel import feature, linearize, retract, sizes
+from omnisight.optim._robust_problem_kernel import feature, linearize, outlier_density, retract, sizes
 
 # Rounds of expectation and maximization. They end when a step, in units of its standard deviation, is below the
 # tolerance, and the scale changes by less than this fraction. An error of a hundredth of the standard deviation adds
@@ -20,12 +20,15 @@ MIN_SCALE = 1e-6
 MIN_REST = 1e-6
 # Smallest information of a step, relative to the largest one.
 MIN_INFORMATION = 1e-12
+# Largest assumed probability that an outlier is consistent by chance. Where all are, the inconsistent ones do not tell
+# how many outliers there are.
+MAX_CHANCE = 0.5
 # Inliers and outliers that are added to all observations, so that no share is 0 or 1.
 PSEUDO_COUNT = 0.5
 
 
 @njit_driver
-def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
+def fit_mixture(problem, model, chance, is_scale_known, prior):
     """Estimate a model, and the scale of its residuals unless it is known, by expectation maximization.
 
     Each round takes one Gauss-Newton step (A. Dempster, N. Laird, D. Rubin, Maximum likelihood from incomplete data via
@@ -38,8 +41,9 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         A problem of `_robust_problem_kernel`.
     model
         (3, 4), close to the solution.
-    outlier_density
-        Density of the residual of an outlier near zero.
+    chance
+        Largest squared residual of an observation that is consistent with a model, and the mean density near zero of
+        the residuals of unrelated parts of observations.
     is_scale_known
         Whether the standard deviation of the inliers' residuals is 1.
     prior
@@ -56,13 +60,15 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     covariance
         (P, P) of a step, the inverse of the observed information: what is unknown about which observations are inliers
         is subtracted (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
-    log_likelihood
-        Logarithm of the density of the residuals and of the prior, up to a constant.
+    evidence
+        Logarithm of the likelihood of the residuals over that of unrelated parts only, plus that of the prior up to a
+        constant.
     """
     _, _, dimension, parameters = sizes(problem)
     count, model, scale = len(problem[0]), model.copy(), 1.0
     residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
-    squares, probability, share = np.empty(count), np.zeros(count), np.full(count, 0.5)
+    squares, probability = np.empty(count), np.zeros(count)
+    share, density = np.empty(count), np.empty(count)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
     root, leverage = np.empty((parameters, parameters)), np.zeros(count)
     normalized, variance = np.empty(count), np.empty(count)
@@ -70,8 +76,9 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
     _linearize_all(problem, model, residuals, jacobians, squares)
     for _ in range(MAX_ROUNDS):
         _leave_out(squares, leverage, probability, scale, normalized, variance)
-        _fill_probability(normalized, variance, dimension, (share, outlier_density), probability)
-        _fill_share(neighbours, probability, share)
+        _fill_density(problem, model, scale, chance[1], density)
+        _fill_share(neighbours, normalized, dimension, chance[0], density, share)
+        _fill_probability(normalized, variance, dimension, (share, density), probability)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
         inverse_root(information, root)
@@ -87,16 +94,17 @@ def fit_mixture(problem, model, outlier_density, is_scale_known, prior):
         if is_small_step and abs(scale - before) <= TOLERANCE * before:
             break
     _leave_out(squares, leverage, probability, scale, normalized, variance)
-    _fill_probability(normalized, variance, dimension, (share, outlier_density), probability)
+    _fill_density(problem, model, scale, chance[1], density)
+    _fill_share(neighbours, normalized, dimension, chance[0], density, share)
+    _fill_probability(normalized, variance, dimension, (share, density), probability)
     known = np.zeros(count)
     for i in range(count):
         if probability[i] > 0.0:
             unknown = (1.0 - probability[i]) * normalized[i] / dimension
             known[i] = probability[i] * (1.0 - unknown) / scale**2
-    log_likelihood = _log_likelihood(squares, dimension, scale, (share, outlier_density))
-    log_likelihood -= 0.5 * offset @ prior @ offset
+    evidence = _evidence(squares, dimension, scale, (share, chance[1])) - 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
-    return model, probability, scale, _covariance(information + prior), log_likelihood
+    return model, probability, scale, _covariance(information + prior), evidence
 
 
 @njit_helper
@@ -125,6 +133,13 @@ def _fill_leverage(jacobians, squares, root, leverage):
 
 
 @njit_helper
+def _fill_density(problem, model, scale, measured, density):
+    """Fill the density (N,) of the residual of an outlier near zero."""
+    for i in range(len(density)):
+        density[i] = outlier_density(problem, model, i, scale, measured)
+
+
+@njit_helper
 def _leave_out(squares, leverage, probability, scale, normalized, variance):
     """Fill the variance (N,) of the residual to the model of the other observations, and its squared length over it.
 
@@ -140,18 +155,18 @@ def _leave_out(squares, leverage, probability, scale, normalized, variance):
 @njit_helper
 def _fill_probability(normalized, variance, dimension, outliers, probability):
     """Fill the posterior probability (N,) of the Gaussian component."""
-    share, outlier_density = outliers
+    share, density = outliers
     for i in range(len(probability)):
         inlier = (1.0 - share[i]) * _gaussian(normalized[i], dimension) / np.sqrt(variance[i]) ** dimension
-        probability[i] = inlier / (inlier + share[i] * outlier_density)
+        probability[i] = inlier / (inlier + share[i] * density[i])
 
 
 @njit_helper
-def _log_likelihood(squares, dimension, scale, outliers):
-    (share, outlier_density), total = outliers, 0.0
+def _evidence(squares, dimension, scale, outliers):
+    (share, density), total = outliers, 0.0
     for i in range(len(squares)):
         inlier = _gaussian(squares[i] / scale**2, dimension) / scale**dimension
-        total += np.log((1.0 - share[i]) * inlier + share[i] * outlier_density)
+        total += np.log((1.0 - share[i]) * inlier / density + share[i])
     return total
 
 
@@ -176,18 +191,23 @@ def _order_by_feature(problem, model):
 
 
 @njit_helper
-def _fill_share(neighbours, probability, share):
-    """Fill the share of outliers (N,) among the other observations with a similar feature."""
-    count, (order, half) = len(probability), neighbours
+def _fill_share(neighbours, squares, dimension, threshold, density, share):
+    """Fill the share of outliers (N,) among the other observations with a similar feature.
+
+    It follows from the number of inconsistent ones, and from the probability that an outlier is consistent by chance.
+    """
+    count, (order, half) = len(squares), neighbours
     pseudo_count = PSEUDO_COUNT * min(2.0 * half + 1.0, count) / count
+    volume = 2.0 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
     total = np.zeros(count + 1)
     for k in range(count):
-        total[k + 1] = total[k] + probability[order[k]]
+        total[k + 1] = total[k] + (squares[order[k]] > threshold)
     for k in range(count):
         i, first, last = order[k], max(k - half, 0), min(k + half + 1, count)
         others = last - first - 1.0
-        inliers = total[last] - total[first] - probability[i]
-        share[i] = (others - inliers + pseudo_count) / (others + 2.0 * pseudo_count)
+        inconsistent = total[last] - total[first] - (squares[i] > threshold)
+        found = (inconsistent + pseudo_count) / (others + 2.0 * pseudo_count)
+        share[i] = min(found / (1.0 - min(volume * density[i], MAX_CHANCE)), 1.0)
 
 
 @njit_helper

@@ -48,6 +48,15 @@ def feature(problem, model, i):
     raise NotImplementedError
 
 
+def outlier_density(problem, model, i, scale, measured):
+    """Return the density of the residual of an outlier near zero, given what else is known of the observation.
+
+    `scale` is the standard deviation of the residuals of inliers, and `measured` the mean density of those of unrelated
+    parts of observations.
+    """
+    raise NotImplementedError
+
+
 def retract(problem, model, step):
     """Move a model in place by a step (P,)."""
     raise NotImplementedError
@@ -61,7 +70,7 @@ def _defined_by_the_problem(method):
     overload(method, jit_options=NJIT_OPTIONS | {"forceinline": True})(resolve)
 
 
-for _method in (sizes, solve_minimal, squared_error, linearize, feature, retract):
+for _method in (sizes, solve_minimal, squared_error, linearize, feature, outlier_density, retract):
     _defined_by_the_problem(_method)
 
 

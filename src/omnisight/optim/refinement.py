@@ -57,8 +57,8 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
     _, _, dimension, parameters = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
     volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
-    density = chance_probability(problem, model, threshold) / float(volume)
+    chance = threshold, chance_probability(problem, model, threshold) / float(volume)
     prior = np.zeros((parameters, parameters)) if prior is None else prior
-    model, probability, scale, covariance, log_likelihood = fit_mixture(problem, model, density, is_scale_known, prior)
-    evidence = float(log_likelihood - len(problem[0]) * np.log(density))
-    return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, evidence)
+    found = fit_mixture(problem, model, chance, is_scale_known, prior)
+    model, probability, scale, covariance, evidence = found
+    return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, float(evidence))

@@ -82,6 +82,10 @@ class RotationProblem(NamedTuple):
         return 0.0
 
     @staticmethod
+    def outlier_density(problem, model, i, scale, measured):
+        return measured
+
+    @staticmethod
     def retract(problem, model, step):
         rotate(model, step)
 
@@ -154,6 +158,10 @@ class HomographyProblem(NamedTuple):
     @staticmethod
     def feature(problem, model, i):
         return 0.0
+
+    @staticmethod
+    def outlier_density(problem, model, i, scale, measured):
+        return measured
 
     @staticmethod
     def retract(problem, model, step):

@@ -38,4 +38,5 @@ class CircularMotionProblem(NamedTuple):
     squared_error = staticmethod(RelativePoseProblem.squared_error)
     linearize = staticmethod(RelativePoseProblem.linearize)
     feature = staticmethod(RelativePoseProblem.feature)
+    outlier_density = staticmethod(RelativePoseProblem.outlier_density)
     retract = staticmethod(RelativePoseProblem.retract)
