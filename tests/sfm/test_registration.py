@@ -16,13 +16,13 @@ from omnisight.sfm.view_graph import match_pairs
 from sfm.worlds import circle_of_poses, observe, points_around, similarity_errors, unit
 
 POSES = circle_of_poses(7)
-# Points of a place, a half of which each image shows; the last image shows the first ones. Half of them are one too few
-# for an edge.
+# Points of a place, and how many of the first ones the last image shows. The other images show half of each: half of
+# those of the last image are one match too few for an edge.
 POINTS, SHOWN = 240, 38
 
 
 def views(last, others=0):
-    """Return the keypoints of images of a place; the last one matches a half of what it shows with each other image.
+    """Return the keypoints of images of a place; half of those of the last one match with each other image.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def _by_point(keypoints):
 
 
 def _half(seed):
-    """Return a random half of the points, and of the first ones."""
+    """Return the indices of a random half of the first points, and of the others."""
     rng = np.random.default_rng(seed)
     return np.concatenate([rng.permutation(SHOWN)[: SHOWN // 2], SHOWN + rng.permutation(POINTS - SHOWN)[::2]])
 

@@ -14,11 +14,7 @@ from omnisight.sfm.common_points import common_points
 from omnisight.sfm.incidence import grouped
 from omnisight.sfm.map import Map
 from omnisight.sfm.map_points import tracks_of_edges, with_triangulated_points
-from omnisight.sfm.missing_matches import (
-    KnownPoints,
-    PredictedMatches,
-    predicted_matches,
-)
+from omnisight.sfm.missing_matches import KnownPoints, PredictedMatches, predicted_matches
 from omnisight.sfm.view_graph import MIN_INLIERS, Edge
 from omnisight.twoview.absolute_pose import resect
 from omnisight.twoview.bearing_pairs import BearingPairs
