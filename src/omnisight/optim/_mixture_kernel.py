@@ -42,8 +42,8 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     model
         (3, 4), close to the solution.
     chance
-        Largest squared residual of an observation that is consistent with a model, and the mean density near zero of
-        the residuals of unrelated parts of observations.
+        Largest squared residual of an observation that is consistent with a model, and the probability that unrelated
+        parts of observations are.
     is_scale_known
         Whether the standard deviation of the inliers' residuals is 1.
     prior
@@ -66,6 +66,9 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     """
     _, _, dimension, parameters = sizes(problem)
     count, model, scale = len(problem[0]), model.copy(), 1.0
+    threshold, probability_of_chance = chance
+    volume = 2.0 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
+    measured = probability_of_chance / volume
     residuals, jacobians = np.empty((count, dimension)), np.empty((count, dimension, parameters))
     squares, probability = np.empty(count), np.zeros(count)
     share, density = np.empty(count), np.empty(count)
@@ -76,8 +79,8 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     _linearize_all(problem, model, residuals, jacobians, squares)
     for _ in range(MAX_ROUNDS):
         _leave_out(squares, leverage, probability, scale, normalized, variance)
-        _fill_density(problem, model, scale, chance[1], density)
-        _fill_share(neighbours, normalized, dimension, chance[0], density, share)
+        _fill_density(problem, model, scale, measured, density)
+        _fill_share(neighbours, normalized, threshold, volume, density, share)
         _fill_probability(normalized, variance, dimension, (share, density), probability)
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
@@ -94,15 +97,15 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         if is_small_step and abs(scale - before) <= TOLERANCE * before:
             break
     _leave_out(squares, leverage, probability, scale, normalized, variance)
-    _fill_density(problem, model, scale, chance[1], density)
-    _fill_share(neighbours, normalized, dimension, chance[0], density, share)
+    _fill_density(problem, model, scale, measured, density)
+    _fill_share(neighbours, normalized, threshold, volume, density, share)
     _fill_probability(normalized, variance, dimension, (share, density), probability)
     known = np.zeros(count)
     for i in range(count):
         if probability[i] > 0.0:
             unknown = (1.0 - probability[i]) * normalized[i] / dimension
             known[i] = probability[i] * (1.0 - unknown) / scale**2
-    evidence = _evidence(squares, dimension, scale, (share, chance[1])) - 0.5 * offset @ prior @ offset
+    evidence = _evidence(squares, dimension, scale, (share, measured)) - 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, known, gradient, information)
     return model, probability, scale, _covariance(information + prior), evidence
 
@@ -191,14 +194,14 @@ def _order_by_feature(problem, model):
 
 
 @njit_helper
-def _fill_share(neighbours, squares, dimension, threshold, density, share):
+def _fill_share(neighbours, squares, threshold, volume, density, share):
     """Fill the share of outliers (N,) among the other observations with a similar feature.
 
-    It follows from the number of inconsistent ones, and from the probability that an outlier is consistent by chance.
+    It follows from the number of inconsistent ones, and from the probability that an outlier is consistent by chance:
+    its density times the volume of consistent residuals.
     """
     count, (order, half) = len(squares), neighbours
     pseudo_count = PSEUDO_COUNT * min(2.0 * half + 1.0, count) / count
-    volume = 2.0 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
     total = np.zeros(count + 1)
     for k in range(count):
         total[k + 1] = total[k] + (squares[order[k]] > threshold)

@@ -56,8 +56,7 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
 
     _, _, dimension, parameters = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
-    volume = 2 * np.sqrt(threshold) if dimension == 1 else np.pi * threshold
-    chance = threshold, chance_probability(problem, model, threshold) / float(volume)
+    chance = threshold, chance_probability(problem, model, threshold)
     prior = np.zeros((parameters, parameters)) if prior is None else prior
     found = fit_mixture(problem, model, chance, is_scale_known, prior)
     model, probability, scale, covariance, evidence = found
