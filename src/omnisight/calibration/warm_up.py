@@ -68,7 +68,7 @@ def warm_up() -> None:
     refine(resect(model, observations), observations, iterations=1)
 
 
-# What is compiled by a process each; both take about six seconds.
+# What is compiled by a process each.
 PARTS = {"detection": compile_detection, "calibration": warm_up}
 
 if __name__ == "__main__":

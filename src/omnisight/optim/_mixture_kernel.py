@@ -77,11 +77,14 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     normalized, variance = np.empty(count), np.empty(count)
     offset, neighbours = np.zeros(parameters), _order_by_feature(problem, model)
     _linearize_all(problem, model, residuals, jacobians, squares)
-    for _ in range(MAX_ROUNDS):
+    is_converged = False
+    for k in range(MAX_ROUNDS + 1):
         _leave_out(squares, leverage, probability, scale, normalized, variance)
         _fill_density(problem, model, scale, measured, density)
         _fill_share(neighbours, normalized, threshold, volume, density, share)
         _fill_probability(normalized, variance, dimension, (share, density), probability)
+        if is_converged or k == MAX_ROUNDS:
+            break
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
         inverse_root(information, root)
@@ -94,12 +97,7 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         if not is_scale_known:
             scale = _scale(squares, dimension, probability, parameters)
         is_small_step = (step * (information @ step)).sum() <= (TOLERANCE * scale) ** 2
-        if is_small_step and abs(scale - before) <= TOLERANCE * before:
-            break
-    _leave_out(squares, leverage, probability, scale, normalized, variance)
-    _fill_density(problem, model, scale, measured, density)
-    _fill_share(neighbours, normalized, threshold, volume, density, share)
-    _fill_probability(normalized, variance, dimension, (share, density), probability)
+        is_converged = is_small_step and abs(scale - before) <= TOLERANCE * before
     known = np.zeros(count)
     for i in range(count):
         if probability[i] > 0.0:

@@ -107,7 +107,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     weights = support = edges.support / edges.support.mean()
     # The edges outside the tree determine the unit of the rig, so wrong ones must not count.
     outside = _reweighted(solve, support) if has_arms else support
-    solution, residuals = solve(np.where(_in_tree(count, edges), support, OUTSIDE_TREE * outside))
+    solution, residuals = solve(np.where(_spanning_tree_edges(count, edges), support, OUTSIDE_TREE * outside))
     for scale in SCALES:
         weights = support * geman_mcclure_weights(residuals**2, scale**2)
         solution, residuals = solve(weights)
@@ -120,7 +120,7 @@ def average_positions(count: int, edges: RelativePositions) -> AveragedPositions
     return AveragedPositions(positions / unit, unit)
 
 
-def _in_tree(count: int, edges: RelativePositions) -> NDArray[np.bool_]:
+def _spanning_tree_edges(count: int, edges: RelativePositions) -> NDArray[np.bool_]:
     """Return which edges are in the spanning tree of the edges with most support.
 
     It has as few edges as possible that no triangle confirms.

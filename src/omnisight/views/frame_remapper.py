@@ -56,10 +56,9 @@ class FrameRemapper:
         rows, columns = below[0].shape
         u, v = u[::2, ::2][:rows, :columns], v[::2, ::2][:rows, :columns]
         du, dv = below[0] - u, below[1] - v
-        if is_periodic(source):  # the two rows may be on both sides of the seam
-            du -= source.width * np.round(du / source.width)
         u, v = u + 0.5 * du, np.asarray(v + 0.5 * dv, np.float32)
         if is_periodic(source):
+            u -= 0.5 * source.width * np.round(du / source.width)  # the two rows may be on both sides of the seam
             u = (u + 0.5) % source.width - 0.5
         self._chroma = _plane_map(
             0.5 * np.asarray(u, np.float32),

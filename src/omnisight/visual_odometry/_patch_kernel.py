@@ -170,7 +170,9 @@ def _project_out(template, gradient, mean, inverse):
 
 
 @njit_driver
-def align(levels, arrays, maps, depths, start, slants, slopes, pixels, correlation, noise, uncertainty, first, last):
+def align(
+    levels, arrays, maps, depths, start, slope_sigma, slopes, pixels, correlation, noise, uncertainty, first, last
+):
     """Align the patches first ... last, starting at pixels (N, 2), which receive the result.
 
     At the finest level the slopes of the surface are refined too. The inverse depth of a plane is linear in the
@@ -187,7 +189,7 @@ def align(levels, arrays, maps, depths, start, slants, slopes, pixels, correlati
         (N, 2) derivatives of the pixels by the logarithm of the depth.
     start
         (N,) coarsest level to use for each patch; -1 for none.
-    slants
+    slope_sigma
         (N,) standard deviation of the slopes; 0 where they are not refined.
     slopes
         (N, 2) slopes g: change of the inverse depth per unit of the patch, over the inverse depth. Receives the result.
@@ -220,9 +222,9 @@ def align(levels, arrays, maps, depths, start, slants, slopes, pixels, correlati
             if level > 0 or not found:
                 continue
             correlation[n], noise[n], uncertainty[n] = similar, rms, inverse
-            if not slants[n] > 0.0:
+            if not slope_sigma[n] > 0.0:
                 continue
-            depth, prior = depths[n] * scale, (max(rms, 1.0) / slants[n]) ** 2
+            depth, prior = depths[n] * scale, (max(rms, 1.0) / slope_sigma[n]) ** 2
             slope[:] = slopes[n]
             _fill_information(affine[n], a, depth, prior, columns, information)
             found, x, y, similar, rms = _refine(

@@ -186,7 +186,7 @@ class Tracker:
         at, maps = pyramid.inside(np.nan_to_num(start)), np.nan_to_num(maps)
         correlation, noise, uncertainty = np.empty(len(at)), np.empty(len(at)), np.zeros((len(at), 2, 2))
         slopes, depths = patches.slopes.copy(), np.nan_to_num(depths)
-        slants = SLOPE_SIGMA * np.linalg.norm(patches.tangents, axis=1).max(axis=1) * patches.has_point
+        slope_sigma = SLOPE_SIGMA * np.linalg.norm(patches.tangents, axis=1).max(axis=1) * patches.has_point
         arrays = patches.arrays
         parallel_for(
             lambda first, last: align(
@@ -195,7 +195,7 @@ class Tracker:
                 maps,
                 depths,
                 level,
-                slants,
+                slope_sigma,
                 slopes,
                 at,
                 correlation,
