@@ -1,8 +1,9 @@
 """The methods of a problem of robust estimation, written by the problem and resolved by numba at compile time.
 
-A problem is a `NamedTuple` of arrays (N, ...), one row per observation, with the static methods below. A model is an
-array (3, 4). The residual of an observation has D components, and a step of a model P. An observation may be a
-correspondence, with a first and a second part, such as the bearings of one point in two images.
+A problem is a `NamedTuple` of arrays (N, ...), one row per observation, with the static methods below; `feature` and
+`outlier_density` have a default. A model is an array (3, 4). The residual of an observation has D components, and a
+step of a model P. An observation may be a correspondence, with a first and a second part, such as the bearings of one
+point in two images.
 """
 
 # Compiled code takes its types from its arguments.
@@ -45,7 +46,7 @@ def linearize(problem, model, i, residual, jacobian):
 
 def feature(problem, model, i):
     """Return a quantity on which the share of outliers depends; constant if it is the same for all observations."""
-    raise NotImplementedError
+    return 0.0
 
 
 def outlier_density(problem, model, i, scale, measured):
@@ -54,7 +55,7 @@ def outlier_density(problem, model, i, scale, measured):
     `scale` is the standard deviation of the residuals of inliers, and `measured` the mean density of those of unrelated
     parts of observations.
     """
-    raise NotImplementedError
+    return measured
 
 
 def retract(problem, model, step):
@@ -64,7 +65,7 @@ def retract(problem, model, step):
 
 def _defined_by_the_problem(method):
     def resolve(problem, *_):
-        return getattr(problem.instance_class, method.__name__)
+        return getattr(problem.instance_class, method.__name__, method)
 
     resolve.__signature__ = inspect.signature(method)
     overload(method, jit_options=NJIT_OPTIONS | {"forceinline": True})(resolve)

@@ -78,14 +78,6 @@ class RotationProblem(NamedTuple):
         return True
 
     @staticmethod
-    def feature(problem, model, i):
-        return 0.0
-
-    @staticmethod
-    def outlier_density(problem, model, i, scale, measured):
-        return measured
-
-    @staticmethod
     def retract(problem, model, step):
         rotate(model, step)
 
@@ -154,14 +146,6 @@ class HomographyProblem(NamedTuple):
                     jacobian[k, column] = by_x[element // 3] * a[element % 3]
                     column += 1
         return True
-
-    @staticmethod
-    def feature(problem, model, i):
-        return 0.0
-
-    @staticmethod
-    def outlier_density(problem, model, i, scale, measured):
-        return measured
 
     @staticmethod
     def retract(problem, model, step):

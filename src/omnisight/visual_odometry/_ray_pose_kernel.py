@@ -77,10 +77,6 @@ class RayPoseProblem(NamedTuple):
         return 1.0 / inverse
 
     @staticmethod
-    def outlier_density(problem, model, i, scale, measured):
-        return measured
-
-    @staticmethod
     def retract(problem, model, step):
         rotate_and_translate(model, step)
 
