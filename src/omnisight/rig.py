@@ -205,6 +205,17 @@ class Rig(Displayed):
         block = None if covariance is None else covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6]
         return RelativePose(seen_from_a.sensor_from_rig[k], block)
 
+    def sigmas(self, sensor: int | str) -> tuple[float, float] | None:
+        """Return the standard deviations of the pose of a camera, or None if the covariance is unknown.
+
+        They are the angle (radians) and the length of the translation: root mean squares of the angle and of the length
+        of the error of `sensor_from_rig`.
+        """
+        if self.covariance is None:
+            return None
+        variances = np.diagonal(self.covariance)[6 * (k := self.index(sensor)) : 6 * k + 6]
+        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+
     def inverted(self) -> Self:
         """Return the rig whose poses are the inverse: the fix of a file that holds rig_from_sensor as sensor_from_rig.
 

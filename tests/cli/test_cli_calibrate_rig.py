@@ -146,6 +146,16 @@ def test_frames_of_clips_that_start_at_different_times_are_those_of_the_same_tim
     assert {k for k in a if k >= start} == {k + start for k in b}
 
 
+def test_a_file_of_times_is_read_before_the_boards_are_detected(refuses, tmp_path):
+    for name in ("left", "right"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "1.png").write_bytes(b"not an image")
+    message = refuses(
+        "calibrate-rig", tmp_path / "left", tmp_path / "right", "--times", tmp_path / "t.csv", "-o", tmp_path / "r.json"
+    )
+    assert "t.csv: no such file or folder" in message
+
+
 def test_folders_without_boards_are_named(tmp_path, run):
     for name in ("left", "right"):
         (tmp_path / name).mkdir()

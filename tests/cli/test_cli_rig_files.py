@@ -1,8 +1,10 @@
 """omnisight inspect and convert of rigs."""
 
+import dataclasses
 import json
 
 import numpy as np
+import pytest
 
 from omnisight.formats import load_rig, save
 from omnisight.images import write_image
@@ -78,6 +80,35 @@ def test_inspect_prints_poses_and_overlap(run, tmp_path):
     assert "100 %" in out
 
 
+def test_inspect_prints_the_standard_deviations_of_the_calibration(run, tmp_path):
+    covariance = np.diag([0, 0, 0, 0, 0, 0, 1e-6, 4e-6, 4e-6, 1e-6, 4e-6, 4e-6])  # 3 mrad and 3 mm
+    rig = dataclasses.replace(back_to_back(), covariance=covariance)
+    assert rig.sigmas("back") == pytest.approx((0.003, 0.003))
+    assert back_to_back().sigmas("back") is None
+    out = run("inspect", save(rig, tmp_path / "rig.json").path)[1]
+    row = next(line for line in out.splitlines() if line.startswith("  back "))
+    assert "0.17 deg, 0.003" in row
+    assert "-0.0000" not in out
+
+
+def test_inspect_prints_the_poses_as_json(run, tmp_path):
+    rig = surround_car()
+    source = save(rig, tmp_path / "basalt.json", format="basalt", max_error=np.inf).path
+    out = json.loads(run("inspect", source, "--json")[1])
+    (tmp_path / "again.json").write_text(json.dumps(out))
+    for ours, theirs in zip(rig.sensor_from_rig, load_rig(tmp_path / "again.json").sensor_from_rig, strict=True):
+        np.testing.assert_allclose(theirs.matrix, ours.matrix, atol=1e-12)
+
+
+def test_convert_advises_a_camera_only_of_a_file_that_has_cameras(refuses, tmp_path):
+    (tmp_path / "board.yaml").write_text("target_type: 'aprilgrid'\ntagCols: 7\n")
+    kalibr = save(surround_car(), tmp_path / "k.yaml", format="kalibr", max_error=np.inf).path
+    for files in ([tmp_path / "board.yaml"], [tmp_path / "board.yaml", kalibr]):
+        message = refuses("convert", *files, "--to", "native", "-o", tmp_path / "rig.json")
+        assert "board.yaml: not a calibration file" in message
+        assert "--name" not in message
+
+
 def test_inspect_checks_the_extrinsics_by_images(run, data, tmp_path):
     folder = data("omnimvs_rig")
     rig = load_rig(folder / "config.yaml").subset([0, 1])
@@ -107,6 +138,7 @@ def test_inspect_prints_why_the_poses_were_not_read(run, tmp_path):
     assert status == 0
     assert "poses not read" in out
     assert "neither T_cn_cnm1 nor T_cam_imu" in out
+    assert set(json.loads(run("inspect", chain, "--json")[1])) == {"cam0", "cam1"}
 
 
 def test_the_advice_names_the_option_of_the_file_with_several_cameras(refuses, tmp_path):

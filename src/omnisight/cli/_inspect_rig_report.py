@@ -22,15 +22,12 @@ def print_rig(rig: "Rig") -> None:
     print(f"frame       {frame}; lengths in {'metres' if rig.unit == 'm' else rig.unit}")
     offsets = rig.time_offsets or (None,) * len(rig)
     print(f"  {'camera':<{width}} {'position x, y, z':>26} {'viewing direction':>22}  {'1 sigma':>18}  time offset")
-    for k, (name, pose, offset) in enumerate(zip(rig.names, rig.sensor_from_rig, offsets, strict=True)):
+    for name, pose, offset in zip(rig.names, rig.sensor_from_rig, offsets, strict=True):
         rig_from_sensor = pose.inverse()
-        place = ", ".join(f"{value:.4f}" for value in rig_from_sensor.translation)
-        view = ", ".join(f"{value:.3f}" for value in rig_from_sensor.rotation[:, 2])
-        sigma = "unknown"
-        if rig.covariance is not None:
-            variances = np.diagonal(rig.covariance)[6 * k : 6 * k + 6]
-            turn, shift = np.degrees(np.sqrt(variances[:3].max())), np.sqrt(variances[3:].max())
-            sigma = f"{rounded(turn)} deg, {rounded(shift)}"
+        place = ", ".join(f"{value:z.4f}" for value in rig_from_sensor.translation)
+        view = ", ".join(f"{value:z.3f}" for value in rig_from_sensor.rotation[:, 2])
+        sigmas = rig.sigmas(name)
+        sigma = "unknown" if sigmas is None else f"{rounded(np.degrees(sigmas[0]))} deg, {rounded(sigmas[1])}"
         time = "unknown" if offset is None else f"{1e3 * offset:.2f} ms"
         print(f"  {name:<{width}} {place:>26} {view:>22}  {sigma:>18}  {time}")
     for note in time_offset_notes(rig):

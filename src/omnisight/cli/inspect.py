@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from omnisight.camera import Camera
     from omnisight.pipeline.conversion.inspect import CameraDescription
     from omnisight.ray_camera import RayCamera
+    from omnisight.rig import Rig
 
 GROUP = "Cameras"
 
@@ -31,7 +32,7 @@ def inspect(
     """Print what a calibration file holds: model, image size, field of view, focal length, conventions, r(theta).
 
     Of a rig, it also prints the poses and the overlap of the cameras. The object of --json has the cameras as
-    omnisight's own JSON by name or, with --images, the check of the extrinsics.
+    omnisight's own JSON by name, is omnisight's own JSON of a rig or, with --images, the check of the extrinsics.
 
     Parameters
     ----------
@@ -61,12 +62,14 @@ def inspect(
     if svg is not None and len(descriptions) > 1:
         names = ", ".join(descriptions)
         raise ValueError(f"--svg draws one camera, and {camera} holds {names}: specify one of them by --name")
+    rig = _rig(camera) if name is None and len(descriptions) > 1 else None
     if is_json():
-        from omnisight.formats.native import to_json
+        from omnisight.formats.native import rig_to_json, to_json
 
-        write_json({key: to_json(value.camera) for key, value in descriptions.items()})
+        cameras = {key: to_json(value.camera) for key, value in descriptions.items()}
+        write_json(cameras if rig is None or isinstance(rig, str) else rig_to_json(rig))
     else:
-        _print_descriptions(descriptions, camera, has_rig=name is None and len(descriptions) > 1)
+        _print_descriptions(descriptions, camera, rig)
     if svg is not None:
         profile = next(iter(descriptions.values())).profile
         if profile is None:
@@ -80,22 +83,28 @@ def inspect(
         print(f"written: {svg}")
 
 
-def _print_descriptions(descriptions: "dict[str, CameraDescription]", path: Path, *, has_rig: bool) -> None:
+def _rig(path: Path) -> "Rig | str":
+    """Return the rig of a file of several cameras, or the reason why their poses are not read."""
+    from omnisight.formats import load_rig
+
+    try:
+        return load_rig(path)
+    except ValueError as error:
+        return str(error)
+
+
+def _print_descriptions(descriptions: "dict[str, CameraDescription]", path: Path, rig: "Rig | str | None") -> None:
     """Print the cameras of a file, and their poses."""
+    from omnisight.cli._inspect_rig_report import print_rig
+
     for key, description in descriptions.items():
         if len(descriptions) > 1:
             print(f"== {key}")
         _print_description(description, path)
-    if has_rig:
-        from omnisight.cli._inspect_rig_report import print_rig
-        from omnisight.formats import load_rig
-
-        try:
-            rig = load_rig(path)
-        except ValueError as error:
-            print(f"== poses not read: {error}")
-        else:
-            print_rig(rig)
+    if isinstance(rig, str):
+        print(f"== poses not read: {rig}")
+    elif rig is not None:
+        print_rig(rig)
 
 
 def _check_images(path: Path, images: tuple[Path, ...]) -> None:

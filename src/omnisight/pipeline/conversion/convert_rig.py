@@ -9,7 +9,7 @@ from pathlib import Path
 from omnisight.camera import Camera
 from omnisight.conversion import Conversion
 from omnisight.display import Displayed
-from omnisight.formats import FormatError, SaveResult, load_joined_rig, rig_format_names, save
+from omnisight.formats import FormatError, SaveResult, load_all, load_joined_rig, rig_format_names, save
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.conversion.convert import (
     ConversionError,
@@ -81,6 +81,8 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     try:
         rig = load_joined_rig(paths)
     except FormatError as error:
+        for source_path in paths:
+            load_all(source_path)  # raises the reason, without the advice, if a file holds no cameras
         raise FormatError(f"{error}. To convert one of its cameras, specify --name") from error
     source = rig.inverted() if options.invert_extrinsics else rig
     if Ocam.name not in target.MODELS or options.model not in (None, Ocam.name):

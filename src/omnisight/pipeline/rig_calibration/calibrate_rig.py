@@ -29,7 +29,7 @@ from omnisight.pipeline.rig_calibration.rig_cameras import (
 )
 from omnisight.pipeline.rig_calibration.rig_observations import free_parameters, rig_observations, symmetric_boards
 from omnisight.pipeline.rig_calibration.rig_sources import RigSources, named_sources, with_common_frames
-from omnisight.pipeline.rig_calibration.simultaneous_views import SimultaneousViews
+from omnisight.pipeline.rig_calibration.simultaneous_views import SimultaneousViews, read_times
 from omnisight.pipeline.rig_calibration.unconnected_rig import explain_unconnected
 from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
@@ -95,9 +95,11 @@ def _with_reference_first(named: dict[str, Any], options: CalibrateRigOptions) -
 
 
 def _check_names(named: Mapping[str, Any], options: CalibrateRigOptions) -> None:
-    """Check that every known camera has images, and that the images to leave out exist."""
+    """Check that every known camera has images, that the times can be read, and that the images to drop exist."""
     if unknown := [name for name in options.camera_files if name not in named]:
         raise ValueError(f"--camera {unknown[0]}: there are no images of this camera; there are {', '.join(named)}")
+    if options.times is not None:
+        read_times(options.times)  # before the boards are detected
     if not options.drop:
         return
     single = options.single(next(iter(options.targets.values())))

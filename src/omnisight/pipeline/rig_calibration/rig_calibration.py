@@ -130,14 +130,10 @@ class RigCalibration(Displayed):
         return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
 
     def sigmas(self, name: str) -> tuple[float, float]:
-        """Return the standard deviations of the pose of a camera: angle (radians) and length of the translation.
-
-        They are root mean squares of the angle and of the length of the error of `sensor_from_rig`.
-        """
-        covariance = self.rig.covariance
-        assert covariance is not None
-        variances = np.diagonal(covariance)[6 * (k := self.rig.index(name)) : 6 * k + 6]
-        return float(np.sqrt(variances[:3].sum())), float(np.sqrt(variances[3:].sum()))
+        """Return the standard deviations of the pose of a camera, see `Rig.sigmas`."""
+        sigmas = self.rig.sigmas(name)
+        assert sigmas is not None
+        return sigmas
 
     def figures(self) -> dict[str, Any]:
         """Return what a rig file stores of the calibration."""
