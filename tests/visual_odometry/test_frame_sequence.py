@@ -7,6 +7,22 @@ import omnisight as om
 from omnisight.pipeline.odometry.frame_sequence import FrameSequence
 
 
+@pytest.mark.parametrize("cameras", [(), ("left", "right")])
+def test_times_are_those_of_a_list_of_the_tum_data_sets(tmp_path, cameras):
+    seconds = (4.5, 4.75, 5.25)
+    for camera in cameras or (".",):
+        (tmp_path / camera / "images").mkdir(parents=True)
+        for k in range(3):
+            om.write_image(tmp_path / camera / "images" / f"{k}.png", np.zeros((20, 40), np.uint8))
+        rows = [f"{time} images/{k}.png" for k, time in enumerate(seconds)]
+        (tmp_path / camera / "images.txt").write_text("\n".join(["# images of a camera", "#timestamp filename", *rows]))
+    assert FrameSequence.open(tmp_path, cameras, om.OdometryOptions()).times == seconds
+    assert FrameSequence.open(tmp_path, cameras, om.OdometryOptions(fps=5)).times == (0, 0.2, 0.4)
+    for camera in cameras or (".",):
+        (tmp_path / camera / "images.txt").write_text("1 1 0 0 0 0 0 0 1 images/0.png\n")  # of COLMAP
+    assert FrameSequence.open(tmp_path, cameras, om.OdometryOptions()).times == (0, 0.1, 0.2)
+
+
 def test_times_belong_to_the_names_of_symbolic_links(tmp_path):
     (tmp_path / "links").mkdir()
     for k in range(3):

@@ -275,6 +275,9 @@ def test_tables_of_sensors_are_read_in_seconds_and_nanoseconds(tmp_path):
     path.write_text("0,1.5\n0.1,fast\n")
     with pytest.raises(ValueError, match=r"line 2: expected time, speed"):
         read_wheels(path)
+    path.write_text("#timestamp [ns],latitude,longitude,altitude\n0,47.37,8.54,406\n200000000,47.37,8.54,408\n")
+    with pytest.raises(ValueError, match=r"line 2: expected time, speed \(m/s\), got '0,47.37,8.54,406'"):
+        read_wheels(path)
     path.write_text("0,1.5\n0,1.5\n")
     with pytest.raises(ValueError, match="is not after the one before"):
         read_wheels(path)

@@ -56,7 +56,7 @@ def print_report(result: OdometryResult, output: Path) -> None:
     print(f"path        {result.path_length:.2f} {result.unit}{unknown if result.unit == 'baselines' else ''}")
     print_loops(result)
     if result.scale:
-        print(f"scale       from {result.scale.source}, {result.scale.relative_sigma:.1%} (1σ)")
+        print(f"scale       from {result.scale.source}, {rounded(100 * result.scale.relative_sigma)}% (1σ)")
     for lost in result.lost:
         print(f"lost        {_describe(lost)}")
     if len(result.segments) > 1:

@@ -21,6 +21,8 @@ from omnisight.pipeline.odometry.sequence_options import SequenceOptions
 # Images per second of a folder without times.
 DEFAULT_FPS = 10.0
 TIMES_FILE = "times.csv"
+# Lists of images with their times, as those of the TUM RGB-D data sets and of omnisight simulate.
+LIST_FILES = "images.txt", "rgb.txt"
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,8 +216,11 @@ def _times(
     source: Path, frames: tuple[tuple[Path | None, ...], ...], fps: float | None
 ) -> tuple[tuple[float, ...], Path | None]:
     """Return the times of frames, of a file or at a constant rate, and the file."""
-    folders = dict.fromkeys([source, source.parent, *(path.parent for path in frames[0] if path is not None)])
-    table = next((folder / TIMES_FILE for folder in folders if (folder / TIMES_FILE).is_file()), None)
+    images = [path for path in frames[0] if path is not None]
+    folders = dict.fromkeys([source, source.parent, *(up for path in images for up in list(path.parents)[:2])])
+    tables = [folder / TIMES_FILE for folder in folders if (folder / TIMES_FILE).is_file()]
+    lists = [folder / name for folder in folders for name in LIST_FILES if (folder / name).is_file()]
+    table = next(iter([*tables, *(path for path in lists if _lists_any(path, images))]), None)
     if table is None or fps is not None:
         return tuple(frame / (fps or DEFAULT_FPS) for frame in range(len(frames))), None
     known = _read_times(table)
@@ -230,22 +235,45 @@ def _times(
     return tuple(times), table
 
 
+def _lists_any(path: Path, images: list[Path]) -> bool:
+    """Return whether a list has one of these images: COLMAP's images.txt, and a text of another encoding, have none."""
+    try:
+        names = {row[0] for row in _rows(path) if row}
+    except UnicodeDecodeError:
+        return False
+    return any(image.name in names for image in images)
+
+
+def _rows(table: Path) -> list[list[str]]:
+    """Return the lines of a table as [name, seconds], and of a list as [name without folders, seconds]."""
+    lines = table.read_text(encoding="utf-8-sig").splitlines()
+    if table.name == TIMES_FILE:
+        return list(csv.reader(lines))
+    rows = [line.split() for line in lines]
+    return [[row[1].rpartition("/")[2], row[0]] if len(row) == len(("seconds", "name")) else row for row in rows]
+
+
 def _read_times(table: Path) -> dict[str, float]:
-    """Read lines of name,seconds; a first line of titles is skipped."""
+    """Read lines of name,seconds, or of seconds and name of a list; a first line of titles is skipped."""
     known = dict[str, float]()
-    for number, row in enumerate(csv.reader(table.read_text(encoding="utf-8-sig").splitlines()), 1):
-        if not row or row[0].startswith("#"):
+    for number, row in enumerate(_rows(table), 1):
+        if not row or any(value.startswith("#") for value in row):
             continue
         try:
             seconds = float(row[1])
         except (IndexError, ValueError):
             if number == 1:
                 continue
-            raise ValueError(f"{table}, line {number}: expected name,seconds, got {','.join(row)!r}") from None
+            raise ValueError(f"{table}, line {number}: expected {_line(table)}, got {','.join(row)!r}") from None
         if not math.isfinite(seconds):
             raise ValueError(f"{table}, line {number}: {row[1]} is not a time")
         known[row[0].strip()] = seconds
     return known
+
+
+def _line(table: Path, name: str = "name") -> str:
+    """Return the form of a line of a table."""
+    return f"{name},seconds" if table.name == TIMES_FILE else f"seconds {name}"
 
 
 def _time_of(files: tuple[Path | None, ...], source: Path, known: dict[str, float], table: Path) -> float:
@@ -256,4 +284,4 @@ def _time_of(files: tuple[Path | None, ...], source: Path, known: dict[str, floa
         for name in (relative, path.name, path.stem):
             if name in known:
                 return known[name]
-    raise ValueError(f"{table}: has no time of {paths[0].name}: add the line {paths[0].name},seconds")
+    raise ValueError(f"{table}: has no time of {paths[0].name}: add the line {_line(table, paths[0].name)}")

@@ -1,6 +1,7 @@
 """Tables of motion sensors: the IMU in the format of EuRoC, and the speed of wheels."""
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +30,15 @@ def read_imu(path: Path) -> ImuSamples:
 
 
 def read_wheels(path: Path) -> WheelSpeeds:
-    """Read lines of time and speed (m/s); see `read_imu` for errors."""
-    rows = _read(path, 2, "time, speed (m/s)")
+    """Read lines of time and speed (m/s), which a yaw rate may follow; see `read_imu` for errors.
+
+    Longer lines are refused: the second column of tables of other sensors is no speed, such as the latitude of GNSS.
+    """
+    rows = _read(path, 2, "time, speed (m/s)", most=3)
     return WheelSpeeds(rows[:, 0], rows[:, 1])
 
 
-def _read(path: Path, columns: int, expected: str) -> Array:
+def _read(path: Path, columns: int, expected: str, most: float = math.inf) -> Array:
     """Read the first columns of a table (N, columns), with times in seconds; a first line of titles is skipped."""
     rows = list[list[float]]()
     for number, row in enumerate(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()), 1):
@@ -46,7 +50,7 @@ def _read(path: Path, columns: int, expected: str) -> Array:
             if number == 1:
                 continue
             values = list[float]()
-        if len(values) < columns or not np.isfinite(values).all():
+        if len(values) < columns or len(row) > most or not np.isfinite(values).all():
             raise ValueError(f"{path}, line {number}: expected {expected}, got {','.join(row)!r}")
         rows.append(values)
     if len(rows) < MIN_SAMPLES:

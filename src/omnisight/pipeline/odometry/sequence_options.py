@@ -15,8 +15,8 @@ class SequenceOptions(Options):
     Attributes
     ----------
     fps
-        Images per second of a folder without times.csv (lines of name,seconds). A clip has its own times. By default
-        10.
+        Images per second of a folder without times.csv (lines of name,seconds) or images.txt (lines of seconds and
+        name). A clip has its own times. By default 10.
     topic
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     name
