@@ -64,3 +64,15 @@ def test_options_that_do_not_apply_to_the_format_are_refused(run, tmp_path, to, 
     assert status == 2
     assert message in err
     assert not list(tmp_path.glob("out*"))
+
+
+def test_the_output_is_a_folder_apart_from_the_images(refuses, tmp_path):
+    write_reconstruction(tmp_path / "model", single())
+    folder = paint(single(), tmp_path / "images")
+    before = sorted(folder.rglob("*"))
+    message = refuses("export", tmp_path / "model", "--to", "splat", "--images", folder, "-o", folder)
+    assert "contains the images, and the output would be read with them next time" in message
+    message = refuses("export", tmp_path / "model", "--to", "glb", "-o", tmp_path / "room.glb")
+    assert "room.glb: is the name of a file, and the output is a folder" in message
+    assert not (tmp_path / "room.glb").exists()
+    assert sorted(folder.rglob("*")) == before

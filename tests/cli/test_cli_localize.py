@@ -157,3 +157,12 @@ def test_a_map_of_images_from_one_place_is_warned_about(run, tmp_path):
     status, out, err = run("map", tmp_path, "-o", tmp_path / "map")
     assert status == 0, err
     assert "warning   without points no image can be localized: take images from different places" in out
+
+
+def test_poses_are_written_as_csv_only(refuses, known, tmp_path):
+    arguments = known / "phone", "--map", known / "map", "--camera", known / "phone.json"
+    message = refuses("localize", *arguments, "-o", tmp_path / "poses.tum")
+    assert "poses.tum: the poses are written as .csv; name it poses.csv" in message
+    assert repr(om.localize(known / "phone", known / "map", known / "phone.json")) == (
+        "LocalizationResult(2 of 2 images localized)"
+    )

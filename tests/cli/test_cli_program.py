@@ -111,6 +111,10 @@ def test_an_unknown_command_gets_the_closest_one(run):
             ("target", "make", "checkerboard", "9x6"),
             "unexpected argument 9x6: omnisight target accepts KIND PATTERN; omnisight target --help describes them",
         ),
+        (
+            ("reconstruct", "images", "-o", "model", "--scale", "first.jpg", "3.2m"),
+            "--scale needs 3 values; omnisight reconstruct --help describes them",
+        ),
     ],
 )
 def test_an_unexpected_argument_is_named_with_what_to_do(run, arguments, message):

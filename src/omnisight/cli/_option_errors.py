@@ -17,7 +17,10 @@ def option_error(error: CycloptsError) -> str:
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         message = f"{error.argument.name} is missing; {_command(error)} --help describes it"
         if error.keyword is not None:
+            count, _ = error.argument.token_count()
             message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
+            if count > 1:
+                message = f"{error.keyword} needs {count} values; {_command(error)} --help describes them"
     return message
 
 

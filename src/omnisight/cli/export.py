@@ -19,6 +19,8 @@ GROUP = "Views"
 # Options that do not apply to views, and those that apply to formats of reconstructions; `to` is --view.
 OF_IMAGES = "images", "apply_exif"
 OF_MODELS = {"splat": (*OF_IMAGES, "size"), "viewer": OF_IMAGES}
+# Of the files that an exported folder holds.
+FILE_SUFFIXES = ".glb", ".ply", ".csv", ".json", ".npz", ".html", ".txt", ".bin"
 
 
 def export(
@@ -71,8 +73,10 @@ def export(
     elif is_batch and images is not None:
         _export_batch(source, images, output, batch, view)
     else:
-        check_output_folder(Path(output))
         folder = Path(images) if images else None
+        check_output_folder(Path(output), [folder] if folder and to == "splat" else [])
+        if Path(output).suffix.lower() in FILE_SUFFIXES and not Path(output).is_dir():
+            raise ValueError(f"{output}: is the name of a file, and the output is a folder: name one, such as export/")
         if kind == "viewer":
             _export_viewer(source, Path(output), folder, view.apply_exif)
         else:

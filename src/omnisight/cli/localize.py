@@ -43,6 +43,8 @@ def localize(
     if output is not None:
         must_be_writable(output)
         refuse_inputs(output, *images, map / "poses.csv", camera, options.mask)
+        if output.suffix.lower() not in ("", ".csv"):
+            raise ValueError(f"{output}: the poses are written as .csv; name it {output.stem}.csv")
     known = read_map(map)
     with progress() as report:
         found = run(images, known, camera, options, report)

@@ -14,6 +14,9 @@ class CaptureOptions(DetectOptions):
 
     Attributes
     ----------
+    pattern
+        Inner corners of the checkerboard, columns x rows: a board of 9x7 squares has 8x6. It, the squares or a target
+        is needed.
     images
         Least number of images.
     coverage

@@ -1,7 +1,7 @@
 """Result of `localize`."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from omnisight.display import Displayed
 from omnisight.localization.localize import LocalizedImage
@@ -21,8 +21,13 @@ class LocalizationResult(Displayed, Mapping[str, LocalizedImage]):
         the poses; then their covariances contain the shifts.
     """
 
-    images: Mapping[str, LocalizedImage] = field(repr=False)
+    images: Mapping[str, LocalizedImage]
     focal_length_change: FocalLengthChange | None = None
+
+    def __repr__(self) -> str:
+        """Return the number of localized images, and the change of the focal length."""
+        change = "" if self.focal_length_change is None else f", {self.focal_length_change}"
+        return f"LocalizationResult({sum(map(bool, self.values()))} of {len(self)} images localized{change})"
 
     def __getitem__(self, name: str) -> LocalizedImage:
         """Return an image by its name."""
