@@ -47,7 +47,11 @@ def most_probable(problem: Any, fit: Refinement, seed: int) -> tuple[Refinement,
         return fit, 1.0
     others = _local_optima(problem, seed)
     others = others[_squared_distances(fit, _steps(problem, fit, others)) > MIN_SQUARED_DISTANCE]
-    fits = sorted([fit, *(refine(problem, model) for model in others[:MAX_REFINED])], key=lambda each: -each.evidence)
+    # An optimum that no more observations agree with than a sample has is that of outliers only: its covariance, and so
+    # its evidence, is unbounded.
+    optima = (refine(problem, model) for model in others[:MAX_REFINED])
+    optima = (each for each in optima if each.is_inlier.sum() > problem.sizes(problem)[0])
+    fits = sorted([fit, *optima], key=lambda each: -each.evidence)
     best = fits[0]
     steps = _steps(problem, best, np.array([each.model for each in fits]))
     neighbours, rivals = [0], list[int]()
