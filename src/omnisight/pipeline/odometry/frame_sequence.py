@@ -238,7 +238,10 @@ def _times(
 def _lists_any(path: Path, images: list[Path]) -> bool:
     """Return whether a list has one of these images: COLMAP's images.txt, and a text of another encoding, have none."""
     try:
-        names = {row[0] for row in _rows(path) if row}
+        with path.open(encoding="utf-8-sig") as file:
+            first = next((line.split() for line in file if line.strip() and not line.startswith("#")), [])
+        # COLMAP's file, of more columns, can have a gigabyte.
+        names = {row[0] for row in _rows(path) if row} if len(first) == len(("seconds", "name")) else set[str]()
     except UnicodeDecodeError:
         return False
     return any(image.name in names for image in images)
