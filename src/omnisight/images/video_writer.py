@@ -29,10 +29,16 @@ from omnisight.video_options import Codec, VideoOptions
 
 # Frames that wait for the encoder: more only take memory.
 WAITING_FRAMES = 2
-# Longest part of an MP4 file that is lost if the program is killed, microseconds.
-FRAGMENT_US = 1_000_000
-# Fragments until the file is complete (FFmpeg 7.1), and times from 0 on where frames are reordered.
-MOV_FLAGS = "hybrid_fragmented+negative_cts_offsets"
+# Longest part of a file that is lost if the program is killed, besides the frames in the encoder, s.
+FRAGMENT_S = 1
+# Fragments until the file is complete (FFmpeg 7.1), and times from 0 on where frames are reordered; microseconds.
+MP4_OPTIONS = {
+    "movflags": "hybrid_fragmented+negative_cts_offsets",
+    "frag_duration": str(FRAGMENT_S * 1_000_000),
+}
+MATROSKA_OPTIONS = {"cluster_time_limit": str(FRAGMENT_S * 1000)}  # milliseconds
+# Without it FFmpeg writes a file in blocks of 256 KiB, up to which a short video is empty.
+FLUSH = {"flush_packets": "1"}
 # Heights from which frames without a colour space are shown as BT.709 by players, and its numbers in FFmpeg.
 HD_HEIGHT, BT709, BT601 = 720, 1, 6
 
@@ -166,7 +172,7 @@ class VideoWriter:
 
         silence_encoders()
         is_mp4 = self.output.suffix.lower() in (".mp4", ".m4v", ".mov")
-        options = {"movflags": MOV_FLAGS, "frag_duration": str(FRAGMENT_US)} if is_mp4 else {}
+        options = FLUSH | (MP4_OPTIONS if is_mp4 else MATROSKA_OPTIONS)
         container: Any = self._opened.enter_context(av.open(str(self.partial), "w", options=options))
         private = encoder_options(self._encoder, self._options, self._codec)
         stream: Any = container.add_stream(self._encoder, rate=self._rate, options=private)
