@@ -96,6 +96,20 @@ def test_a_pan_turns_from_its_first_to_its_last_direction(source, view):
         assert difference(frames[k], expected(source, k, rotation=om.look(yaw))) < 4
 
 
+def test_the_coverage_of_a_moving_view_is_the_lowest(view):
+    _, out = view("--fov", "70", "--pan", "0:90")
+    assert "of the view is covered, at 0.45 s, where it is lowest" in out  # the last frame
+    assert "outside the calibrated field of view\n" in out  # --mark, which hatches it, applies to fixed views
+    _, out = view("--fov", "70", "--pan", "0:90", "--json")
+    (data,) = json.loads(out)["views"]
+    _, out = view("--fov", "70", "--yaw", "90", "--json")
+    (last,) = json.loads(out)["views"]
+    assert (data["time_s"], last["time_s"]) == (pytest.approx(0.45), None)
+    assert [data[name] for name in ("view_fraction", "extrapolated_fraction")] == pytest.approx(
+        [last[name] for name in ("view_fraction", "extrapolated_fraction")], abs=1e-3
+    )
+
+
 def test_keyframes_are_reached_and_not_exceeded(source, view, tmp_path):
     (tmp_path / "path.csv").write_text("time,yaw,fov\n0,-30,90\n0.2,30,60\n0.45,30,60\n", encoding="utf-8")
     (frames,), _ = view("--path", tmp_path / "path.csv")

@@ -19,6 +19,8 @@ def print_json(results: Sequence[ViewResult], written: "ClipViews | None") -> No
     """Print the views as one JSON object."""
     data: dict[str, Any] = {"views": [_view_json(result) for result in results]}
     if written is not None:
+        for view, time in zip(data["views"], written.times, strict=True):
+            view["time_s"] = None if time is None else round(time, 3)
         data["frames"] = written.frames
         data["seconds"] = round(written.seconds, 3)
         data["frames_per_second"] = round(written.frames / max(written.seconds, 1e-9), 2)
@@ -29,9 +31,10 @@ def print_report(
     results: Sequence[ViewResult], outputs: Sequence[str], written: "ClipViews | None", *, is_up_given: bool
 ) -> None:
     """Print the coverage, the magnification, warnings, and the file or folder written for each view."""
-    for result, output in zip(results, outputs, strict=True):
-        _print_view(result)
-        _print_hints(result, is_up_given=is_up_given)
+    times = [None] * len(results) if written is None else written.times
+    for result, output, time in zip(results, outputs, times, strict=True):
+        _print_view(result, time)
+        _print_hints(result, is_up_given=is_up_given, can_mark=time is None)
         if written is None:
             count = len(result.files) + len(result.errors)
             print(f"written   {output if count > 1 else result.files[0]}")
@@ -48,7 +51,8 @@ def print_report(
             )
 
 
-def _print_view(result: ViewResult) -> None:
+def _print_view(result: ViewResult, time: float | None) -> None:
+    """Print a view; of a moving view that of a frame, whose time in s is given."""
     target, options = result.target, result.options
     faces = ", six faces" if len(result.rotations) > 1 else ""
     centre, edge = result.magnification
@@ -56,7 +60,8 @@ def _print_view(result: ViewResult) -> None:
     covered = f"{result.view_fraction:.0%} of the view is covered"
     if note := _size_note(result):
         print(f"note      {note}")
-    print(f"coverage  {result.image_fraction:.0%} of the image is visible, {covered}")
+    at = "" if time is None else f", at {time:.2f} s, where it is lowest"
+    print(f"coverage  {result.image_fraction:.0%} of the image is visible, {covered}{at}")
     print(f"scale     1 px of the image is {centre:.2f} px wide in the centre of the view, {edge:.2f} px at its edge")
 
 
@@ -76,13 +81,13 @@ def _size_note(result: ViewResult) -> str | None:
     return f"{width}x{height} instead of {size[0]}x{size[1]} px: {reason}"
 
 
-def _print_hints(result: ViewResult, *, is_up_given: bool) -> None:
+def _print_hints(result: ViewResult, *, is_up_given: bool, can_mark: bool) -> None:
     """Print warnings of the calibration and hints of the orientation."""
     source, options = result.source, result.options
     if result.extrapolated_fraction > MAX_EXTRAPOLATED_FRACTION:
         inner = f"within {math.degrees(source.theta_min):.0f} or " if source.theta_min else ""
         limit = f"{inner}beyond {math.degrees(source.theta_max or 0.0):.0f} degrees"
-        hint = "" if options.mark else "; --mark hatches it"
+        hint = "; --mark hatches it" if can_mark and not options.mark else ""
         share = f"{result.extrapolated_fraction:.0%} of the view"
         print(f"warning   {share} is {limit}, outside the calibrated field of view{hint}")
     if source.calibration.get("verdict") == "do not use":

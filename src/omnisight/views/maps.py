@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 STRIP_ROWS = 32
 # Samples along the shorter side, from which measures of a view or of an image are computed.
 SAMPLES = 200
+# The same for each frame of a moving view: 1 % of the time of the frame.
+FRAME_SAMPLES = 32
 
 
 def view_map(source: Camera, target: Camera, target_from_source: Array) -> tuple[Floats, Floats]:
@@ -65,15 +67,31 @@ def extrapolation_mask(source: Camera, target: Camera, target_from_source: Array
 
 def extrapolated_fraction(source: Camera, target: Camera, rotations: Sequence[Array]) -> float:
     """Return the share of covered pixels outside the calibrated field of view, in views target_from_source (3, 3)."""
-    reduced = reduced_view(target)
-    covered = [coverage_mask(source, *view_map(source, reduced, rotation)) for rotation in rotations]
-    outside = [extrapolation_mask(source, reduced, rotation) for rotation in rotations]
-    return float(np.logical_and(covered, outside).sum() / max(np.sum(covered), 1))
+    covered, outside = _covered_and_outside(source, reduced_view(target), rotations)
+    return float((covered & outside).sum() / max(covered.sum(), 1))
 
 
-def reduced_view(target: Camera) -> Camera:
+def calibrated_fraction(source: Camera, target: Camera, rotations: Sequence[Array]) -> float:
+    """Return the share of pixels covered within the calibrated field of view, in views target_from_source (3, 3).
+
+    It has few samples, for every frame of a clip.
+    """
+    covered, outside = _covered_and_outside(source, reduced_view(target, FRAME_SAMPLES), rotations)
+    return float((covered & ~outside).mean())
+
+
+def _covered_and_outside(
+    source: Camera, target: Camera, rotations: Sequence[Array]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which pixels of views (V, H, W) are covered, and which are outside the calibrated field of view."""
+    covered = [coverage_mask(source, *view_map(source, target, rotation)) for rotation in rotations]
+    outside = [extrapolation_mask(source, target, rotation) for rotation in rotations]
+    return np.array(covered), np.array(outside)
+
+
+def reduced_view(target: Camera, samples: int = SAMPLES) -> Camera:
     """Return a view reduced to the pixels that measures of the view need."""
-    return target.scaled(min(1.0, SAMPLES / min(target.size)))
+    return target.scaled(min(1.0, samples / min(target.size)))
 
 
 def resolution(camera: Camera, bearings: Array) -> Array:

@@ -1,6 +1,7 @@
 """Views of a clip: one or several videos from one pass over its frames."""
 
 import dataclasses
+import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
@@ -28,7 +29,7 @@ from omnisight.progress import Progress, no_progress
 from omnisight.video_options import VideoOptions
 from omnisight.views.cube import CROSS_LAYOUT, CUBE_FACES, cube_cross
 from omnisight.views.frame_remapper import FrameRemapper
-from omnisight.views.maps import extrapolation_mask
+from omnisight.views.maps import calibrated_fraction, extrapolation_mask
 
 Array = NDArray[np.float64]
 
@@ -40,7 +41,10 @@ class ClipViews(Displayed):
     Attributes
     ----------
     views
-        The view of the first frame, for each file.
+        The view for each file; of a moving view, that of the frame with the smallest part of the view covered within
+        the calibrated field of view.
+    times
+        Time of that frame from the start of the clip, s, for each file; None if the view does not move.
     clip
         The clip.
     frames
@@ -50,6 +54,7 @@ class ClipViews(Displayed):
     """
 
     views: tuple[ViewResult, ...]
+    times: tuple[float | None, ...]
     clip: Clip
     frames: int
     seconds: float
@@ -116,11 +121,19 @@ def view_clip(
             count += 1
             progress("view", count, max(source_clip.declared_frames or 0, count))
     results = tuple(view.result(file) for file, view in zip(files, rendered, strict=True))
-    return ClipViews(results, source_clip, count, time.perf_counter() - began)
+    times = tuple(view.time if motion.moves else None for view in rendered)
+    return ClipViews(results, times, source_clip, count, time.perf_counter() - began)
 
 
 class _ClipView:
-    """One view of a clip, that may move."""
+    """One view of a clip, that may move.
+
+    Attributes
+    ----------
+    time
+        Time of the frame that is measured, s: the first with the smallest part covered within the calibrated field of
+        view.
+    """
 
     def __init__(self, source: Camera, options: ViewOptions, motion: ViewMotion, angles: Angles) -> None:
         self.source, self.options = source, options.for_camera(source)
@@ -129,20 +142,20 @@ class _ClipView:
             raise ValueError("--mark applies to views that do not move")
         check_fixed_angles(options, motion, angles(0.0))
         target, rotations = view_target(self._at(0.0))
-        self._target, self._rotations = _even(target), rotations
+        self.time, self._lowest = 0.0, math.inf
+        self._measured: tuple[Camera, Sequence[Array], NDArray[np.bool_]] | None = None
         self._faces: list[FrameRemapper] = []
         self._hatched: NDArray[np.bool_] | None = None
-        self._covered: NDArray[np.bool_] | None = None  # of the first frame
-        width, height = self._target.size
+        width, height = _even(target).size
         self.size = (4 * width, 3 * height) if len(rotations) > 1 else (width, height)
 
     def __call__(self, frame: Yuv, seconds: float, stable_from_source: Array) -> Yuv:
         """Return the view of a frame."""
         if not self._faces or self._moves:
             target, rotations = view_target(self._at(seconds))
-            self._faces = [self._remapper(_even(target), rotation @ stable_from_source) for rotation in rotations]
-            if self._covered is None:
-                self._covered = cube_cross([face.mask for face in self._faces])
+            target, rotations = _even(target), [rotation @ stable_from_source for rotation in rotations]
+            self._faces = [self._remapper(target, rotation) for rotation in rotations]
+            self._measure(target, rotations, seconds)
             if self.options.mark:
                 outside = [extrapolation_mask(self.source, f.target, r) & f.mask for f, r in self._pairs(rotations)]
                 self._hatched = cube_cross(outside)
@@ -153,9 +166,17 @@ class _ClipView:
         return view
 
     def result(self, file: Path) -> ViewResult:
-        """Return the measures of the view of the first frame."""
-        assert self._covered is not None  # a clip has at least one frame
-        return ViewResult.of(self.options, [file], (self.source, self._target), self._rotations, self._covered)
+        """Return the measures of the view of the frame that is measured."""
+        assert self._measured is not None  # a clip has at least one frame
+        target, rotations, covered = self._measured
+        return ViewResult.of(self.options, [file], (self.source, target), rotations, covered)
+
+    def _measure(self, target: Camera, rotations: Sequence[Array], seconds: float) -> None:
+        """Keep the view of a frame for `result` if a smaller part is covered than in those before."""
+        share = calibrated_fraction(self.source, target, rotations)
+        if share < self._lowest:
+            self.time, self._lowest = seconds, share
+            self._measured = target, rotations, cube_cross([face.mask for face in self._faces])
 
     def _at(self, seconds: float) -> ViewOptions:
         return moved(self.options, self._angles(seconds))
