@@ -45,3 +45,16 @@ def test_two_views_are_not_written_to_one_file(refuses, shots, camera_file, tmp_
     message = refuses("view", images, "--camera", camera_file, "--yaw", 0, "--yaw", 40, "-o", output, "-o", output)
     assert "two views have the same file" in message
     assert not output.exists()
+
+
+def test_options_that_some_types_lack_are_given_for_the_others(run, refuses, shots, camera_file, tmp_path):
+    types = "--to", "perspective", "--to", "cylinder", "--to", "perspective", "--elevation", "-30:40"
+    outputs = [word for k in range(3) for word in ("-o", tmp_path / f"{k}.png")]
+    command = "view", shots / "1.png", "--camera", camera_file, *types, *outputs
+    assert run(*command, "--fov", 60, "--fov", 90)[::2] == (0, "")
+    for k, options in enumerate((("--fov", 60), ("--to", "cylinder", "--elevation", "-30:40"), ("--fov", 90))):
+        alone = tmp_path / "alone.png"
+        assert run("view", shots / "1.png", "--camera", camera_file, *options, "-o", alone)[::2] == (0, "")
+        assert (tmp_path / f"{k}.png").read_bytes() == alone.read_bytes()
+    message = refuses(*command, "--fov", 60, "--fov", 90, "--fov", 90)
+    assert "--fov is given 3 times and --output 3 times, of which 2 have it" in message

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from omnisight.cli._text_options import parse_range, parse_size, text_parameter
-from omnisight.pipeline.views.view_options import Range, ViewMotion, ViewOptions, ViewType
+from omnisight.pipeline.views.view_options import Range, ViewMotion, ViewOptions, ViewType, has_option
 
 _HIDDEN = Parameter(parse=False)
 
@@ -62,20 +62,34 @@ class RepeatedViewOptions:
         ValueError
             If an option was specified another number of times.
         """
-        repeated = {name: values for name, values in vars(self).items() if values}
-        for name, values in repeated.items():
-            if len(values) not in (1, len(outputs)):
-                raise ValueError(
-                    f"--{name} is given {len(values)} times and --output {len(outputs)} times: give it once for all"
-                    " views, or once for each, in the order of the outputs"
-                )
+        given: dict[str, Sequence[object]] = {name: values for name, values in vars(self).items() if values}
         if self.size:
-            repeated["size"] = [parse_size(text) for text in self.size]
-        views: list[tuple[str, ViewOptions]] = []
-        for k, output in enumerate(outputs):
-            own = {name: values[k if len(values) > 1 else 0] for name, values in repeated.items()}
-            views.append((output, ViewOptions(**vars(common) | own)))
-        return views
+            given["size"] = [parse_size(text) for text in self.size]
+        views = [dict(vars(common)) for _ in outputs]
+        for name, values in given.items():  # the type is the first
+            for view, value in zip(*_viewed(name, values, views), strict=True):
+                view[name] = value
+        for name in ("elevation", "azimuth"):  # once for all views that have it
+            if any(has_option(view["to"], name) for view in views):
+                for view in views:
+                    view[name] = view[name] if has_option(view["to"], name) else None
+        return [(output, ViewOptions(**view)) for output, view in zip(outputs, views, strict=True)]
+
+
+def _viewed(
+    name: str, values: Sequence[object], views: Sequence[dict[str, Any]]
+) -> tuple[Sequence[dict[str, Any]], Sequence[object]]:
+    """Return the views that have an option, or all if none has it, and the value of each."""
+    having = [view for view in views if has_option(view["to"], name)] or views
+    if len(values) not in (1, len(having)):
+        outputs = f"--output {len(views)} times"
+        if len(having) < len(views):
+            outputs += f", of which {len(having)} have it"
+        raise ValueError(
+            f"--{name} is given {len(values)} times and {outputs}: give it once for all views, or once for each, in the"
+            " order of the outputs"
+        )
+    return having, values if len(values) > 1 else list(values) * len(having)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def view(
     """Turn images or a clip into views: perspective, cylinder, sphere, cube, planet, fisheye ...
 
     A clip (room.mp4) becomes a video with the same sound. Several views are made in one pass: repeat --output, and
-    --to, --fov, --yaw, --pitch, --roll or --size for each output, in their order.
+    --to, --fov, --yaw, --pitch, --roll or --size for each output that has it, in their order.
 
     Angles are in degrees. +yaw looks right, +pitch up, +roll rotates the view clockwise:
 

@@ -27,6 +27,13 @@ DEFAULT_FOV_DEG = {"perspective": 90.0, "panini": 150.0, "planet": 260.0, "fishe
 MAX_CYLINDER_ELEVATION_DEG = 60.0
 
 
+def has_option(to: ViewType | None, name: str) -> bool:
+    """Return whether views of a type have an option; without a type, whether any has."""
+    if name == "fov":
+        return to is None or to in DEFAULT_FOV_DEG
+    return name not in ("elevation", "azimuth") or to is None or to in PANORAMA_TYPES
+
+
 @dataclass(frozen=True)
 class ViewOptions(Options):
     """Options of `view`. Angles are in degrees: +yaw right, +pitch up, +roll clockwise as seen.
@@ -98,11 +105,10 @@ class ViewOptions(Options):
         for name, angle in (("yaw", self.yaw), ("pitch", self.pitch or 0.0), ("roll", self.roll)):
             if not math.isfinite(angle):
                 raise ValueError(f"--{name} must be a number of degrees, got {angle}")
-        if self.to is not None and self.to not in PANORAMA_TYPES:
-            for name in ("elevation", "azimuth"):
-                if getattr(self, name) is not None:
-                    raise ValueError(f"--{name} applies to cylinder, mercator and sphere; use --fov for a {self.to}")
-        if self.fov is not None and self.to is not None and self.to not in DEFAULT_FOV_DEG:
+        for name in ("elevation", "azimuth"):
+            if getattr(self, name) is not None and not has_option(self.to, name):
+                raise ValueError(f"--{name} applies to cylinder, mercator and sphere; use --fov for a {self.to}")
+        if self.fov is not None and not has_option(self.to, "fov"):
             remedy = "its faces are 90 degrees wide" if self.to == "cube" else "use --azimuth"
             raise ValueError(f"--fov does not apply to a {self.to}; {remedy}")
 
