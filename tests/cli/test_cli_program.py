@@ -99,6 +99,12 @@ def test_an_unknown_command_gets_the_closest_one(run):
             "unknown option --square-size (did you mean --square?)",
         ),
         (("target", "aprilgrid", "6x6", "--tag-size", "3cm"), "unknown option --tag-size (did you mean --tag?)"),
+        (("--hlep",), "unknown option --hlep (did you mean --help?)"),
+        (
+            ("--json", "inspect", "a.json"),
+            "unknown option --json: options follow the command: omnisight COMMAND --json",
+        ),
+        (("view", "--hlep"), "unknown option --hlep (did you mean --help?)"),
         (
             ("target", "circles", "4x11", "--rows", "3"),
             "unknown option --rows; omnisight target --help lists the options",

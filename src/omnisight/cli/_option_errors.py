@@ -2,7 +2,17 @@
 
 from difflib import get_close_matches
 
-from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownOptionError, UnusedCliTokensError
+from cyclopts import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
+
+# The options without a command, and the one that is not an argument of the commands.
+PROGRAM_OPTIONS, HELP = ("help", "version", "install-completion"), "help"
 
 
 def option_error(error: CycloptsError) -> str:
@@ -14,6 +24,8 @@ def option_error(error: CycloptsError) -> str:
         message = _unused_arguments(error)
     if isinstance(error, UnknownOptionError):
         message = _unknown_option(error)
+    if isinstance(error, UnknownCommandError) and error.unused_tokens and error.unused_tokens[0].startswith("-"):
+        message = _option_before_command(error.unused_tokens[0])
     if isinstance(error, MissingArgumentError) and error.argument is not None:
         message = f"{error.argument.name} is missing; {_command(error)} --help describes it"
         if error.keyword is not None:
@@ -22,6 +34,13 @@ def option_error(error: CycloptsError) -> str:
             if count > 1:
                 message = f"{error.keyword} needs {count} values; {_command(error)} --help describes them"
     return message
+
+
+def _option_before_command(typed: str) -> str:
+    """Return the message of an option in the place of the command."""
+    meant = get_close_matches(typed.lstrip("-"), PROGRAM_OPTIONS, n=1)
+    advice = f" (did you mean --{meant[0]}?)" if meant else f": options follow the command: omnisight COMMAND {typed}"
+    return f"unknown option {typed}{advice}"
 
 
 def _unknown_option(error: UnknownOptionError) -> str:
@@ -39,6 +58,7 @@ def _unknown_option(error: UnknownOptionError) -> str:
     options = {
         name.lstrip("-"): name for argument in arguments if argument.parse for name in argument.names if name[:1] == "-"
     }
+    options[HELP] = f"--{HELP}"
     words = {*word.split("-")}
     close = get_close_matches(word, options) or [name for name in options if name in words]
     meant = max(close, key=lambda name: len(words & {*name.split("-")}), default=None)
