@@ -87,6 +87,14 @@ def test_a_length_reads_back_to_the_last_bit_that_matters(tmp_path):
     assert (read.square, read.marker) == pytest.approx((board.square, board.marker), rel=1e-9)
 
 
+@pytest.mark.parametrize("content", [b"%PDF-1.4\n%\xe2\xe3", b"<svg/>", b"<?xml version='1.0'?>"])
+def test_the_print_of_a_board_names_the_file_that_describes_it(tmp_path, content):
+    path = tmp_path / "print.pdf"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"is the print of a board: .*print\.json"):
+        load_board(path)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -66,6 +66,8 @@ def _text(path: Path) -> str:
         raise ValueError(file_error(path, error)) from None
     if len(data) > MAX_BYTES:
         raise ValueError(f"more than {MAX_BYTES} bytes; a target file has a few lines")
+    if data.lstrip().startswith((b"%PDF-", b"<")):
+        raise ValueError(f"is the print of a board: specify the file that describes it, {path.with_suffix('.json')}")
     # PowerShell's `>` writes UTF-16.
     text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig", errors="replace").strip()
     if not text:
