@@ -33,7 +33,7 @@ def summary(
     *,
     width: int = IMAGE_WIDTH_PX,
 ) -> str:
-    """Return a heading, figures by name, a drawing beside them, and notes below.
+    """Return a heading, figures by name, a drawing beside them or, if it is wide, below, and notes.
 
     The drawing is SVG or a data: URL. It is an image of its own, because the styles of a notebook and of a drawing
     would affect each other.
@@ -48,10 +48,12 @@ def summary(
         if not drawing.startswith("data:"):
             url = f"data:image/svg+xml;base64,{base64.b64encode(drawing.encode()).decode()}"
         image = element("td", Markup(f'<img width="{width}" alt="" src="{url}">'))
+    table = element("td", element("table", *rows), style="vertical-align:top")
+    cells = [[table, image]] if width <= IMAGE_WIDTH_PX else [[table], [image]]
     return element(
         "div",
         element("b", title),
-        element("table", element("tr", element("td", element("table", *rows), style="vertical-align:top"), image)),
+        element("table", *(element("tr", *row) for row in cells)),
         *(element("p", note) for note in notes),
     )
 
