@@ -173,8 +173,9 @@ class Camera(BaseCamera[CameraModel]):
     def fov(self) -> "FieldOfView":
         """Field of view in degrees, as in `perspective`: horizontal, vertical and diagonal.
 
-        The angles between opposite edges and corners of the image, through the pixel of the axis. If the axis is
-        outside the image, they are those between two bearings, of edges at the row and column nearest to the axis.
+        The angles between opposite edges and corners of the image, through the pixel of the axis, also where the model
+        extrapolates beyond `theta_max`. If the axis is outside the image, they are those between two bearings, of edges
+        at the row and column nearest to the axis.
         """
         axis, right, bottom = (
             self.model.project_numpy(np.array([[0.0, 0.0, 1.0]]))[0][0],

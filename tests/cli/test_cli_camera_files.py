@@ -23,7 +23,12 @@ def test_inspect_prints_model_size_field_focal_length_and_conventions(run, camer
     for message in (
         *("model       equidistant: ", "size        640 x 480 px", "focal       190.00 px per radian"),
         *("centre      (322.30, 236.80), +2.8, -2.7 px", "calibrated  to 80.2 degrees", "x right, y down, z forward"),
-        *("193.0 deg horizontal", "144.7 deg vertical", "radius, px  (* calibrated, . extrapolated, - equidistant)"),
+        *(
+            "193.0 deg horizontal",
+            "144.7 deg vertical",
+            "extrapolated beyond 160.4 deg",
+            "radius, px  (* calibrated, . extrapolated, - equidistant)",
+        ),
     ):
         assert message in out
     assert "nan" not in out

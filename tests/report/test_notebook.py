@@ -35,6 +35,12 @@ def test_a_comparison_is_shown_with_its_maps():
     assert "data:image/jpeg" in page
 
 
+def test_the_field_of_view_of_a_camera_states_where_it_is_extrapolated():
+    assert CAMERA.fov.horizontal > np.degrees(2 * 1.2) > CAMERA.fov.vertical
+    assert_html(CAMERA, f"{CAMERA.fov.horizontal:.1f}° horizontal", "extrapolated beyond 137.5°")
+    assert "extrapolated beyond" not in om.Camera(LENS, (640, 480))._repr_html_()
+
+
 def test_detections_are_shown_with_their_corners():
     page = assert_html(detections(), "40 of 41 show the board", str(40 * len(BOARD.points)), "640 x 480 px")
     assert "<try" not in page

@@ -183,7 +183,10 @@ def _print_projection(description: "CameraDescription") -> None:
     assert profile is not None
     if description.field_deg is not None:
         angles = [f"{angle:.1f} deg" if angle is not None else "beyond the model" for angle in description.field_deg]
-        print(f"field       {angles[0]} horizontal, {angles[1]} vertical, {angles[2]} diagonal")
+        limit = math.degrees(2 * (camera.theta_max or math.inf))
+        beyond = any(angle is not None and angle > limit for angle in description.field_deg)
+        note = f", extrapolated beyond {limit:.1f} deg" if beyond else ""
+        print(f"field       {angles[0]} horizontal, {angles[1]} vertical, {angles[2]} diagonal{note}")
     print(f"focal       {profile.focal:.2f} px per radian on the axis")
     (u, v), (width, height) = profile.centre, camera.size
     offset = f", {u - (width - 1) / 2:+.1f}, {v - (height - 1) / 2:+.1f} px from the image centre" if width else ""

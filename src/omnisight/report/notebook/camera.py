@@ -18,10 +18,12 @@ def figures(camera: Camera) -> dict[str, str]:
     ends = "beyond the model" if all(camera.size) else "unknown"
     sides = [f"{angle:.1f}°" if np.isfinite(angle) else ends for angle in camera.fov]
     calibrated = camera.theta_max
+    limit = np.degrees(2 * (calibrated or np.inf))
+    note = f", extrapolated beyond {limit:.1f}°" if any(angle > limit for angle in camera.fov) else ""
     return {
         "model": camera.model.name,
         "image size": f"{camera.width} x {camera.height} px" if all(camera.size) else "unknown",
-        "field of view": f"{sides[0]} horizontal, {sides[1]} vertical, {sides[2]} diagonal",
+        "field of view": f"{sides[0]} horizontal, {sides[1]} vertical, {sides[2]} diagonal{note}",
         "focal length": f"{camera.focal:.2f} px per radian on the axis",
         "calibrated": "unknown" if calibrated is None else f"to {np.degrees(calibrated):.1f}° off-axis",
         "uncertainty": "unknown" if camera.covariance is None else "known: om.plot_uncertainty(camera)",
