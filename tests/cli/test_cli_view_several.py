@@ -57,4 +57,4 @@ def test_options_that_some_types_lack_are_given_for_the_others(run, refuses, sho
         assert run("view", shots / "1.png", "--camera", camera_file, *options, "-o", alone)[::2] == (0, "")
         assert (tmp_path / f"{k}.png").read_bytes() == alone.read_bytes()
     message = refuses(*command, "--fov", 60, "--fov", 90, "--fov", 90)
-    assert "--fov is given 3 times and --output 3 times, of which 2 have it" in message
+    assert "--fov is given 3 times and --output 3 times, and 2 of the outputs have it" in message

@@ -84,7 +84,7 @@ def _viewed(
     if len(values) not in (1, len(having)):
         outputs = f"--output {len(views)} times"
         if len(having) < len(views):
-            outputs += f", of which {len(having)} have it"
+            outputs += f", and {len(having)} of the outputs have it"
         raise ValueError(
             f"--{name} is given {len(values)} times and {outputs}: give it once for all views, or once for each, in the"
             " order of the outputs"
