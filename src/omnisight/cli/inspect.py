@@ -179,13 +179,14 @@ def _print_projection(description: "CameraDescription") -> None:
     """Print field of view, focal length, principal point and valid angles of a central camera."""
     import math
 
+    from omnisight.pipeline.conversion.inspect import extrapolated_beyond_deg
+
     camera, profile = description.camera, description.profile
     assert profile is not None
     if description.field_deg is not None:
         angles = [f"{angle:.1f} deg" if angle is not None else "beyond the model" for angle in description.field_deg]
-        limit = math.degrees(2 * (camera.theta_max or math.inf))
-        beyond = any(angle is not None and angle > limit for angle in description.field_deg)
-        note = f", extrapolated beyond {limit:.1f} deg" if beyond else ""
+        limit = extrapolated_beyond_deg(camera, description.field_deg)
+        note = "" if limit is None else f", extrapolated beyond {limit:.1f} deg"
         print(f"field       {angles[0]} horizontal, {angles[1]} vertical, {angles[2]} diagonal{note}")
     print(f"focal       {profile.focal:.2f} px per radian on the axis")
     (u, v), (width, height) = profile.centre, camera.size

@@ -1,5 +1,6 @@
 """Description of calibration files: the counterpart of `omnisight inspect`."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -146,6 +147,12 @@ def describe_camera(camera: Camera | RayCamera) -> CameraDescription:
         field_deg=None if central is None or profile is None else _fields_of_view(central),
         pupil_shift=_pupil_shift(camera),
     )
+
+
+def extrapolated_beyond_deg(camera: Camera | RayCamera, fields_deg: Iterable[float | None]) -> float | None:
+    """Return the calibrated field of view, degrees, if one of those of the image is larger; otherwise None."""
+    limit = float(np.degrees(2 * (camera.theta_max or np.inf)))
+    return limit if any(field is not None and field > limit for field in fields_deg) else None
 
 
 def radial_profile(camera: Camera) -> RadialProfile:

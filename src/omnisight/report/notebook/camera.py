@@ -3,7 +3,7 @@
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.pipeline.conversion.inspect import radial_profile
+from omnisight.pipeline.conversion.inspect import extrapolated_beyond_deg, radial_profile
 from omnisight.report.drawings.radial_profile import profile_svg
 from omnisight.report.notebook._summary import summary
 
@@ -18,8 +18,8 @@ def figures(camera: Camera) -> dict[str, str]:
     ends = "beyond the model" if all(camera.size) else "unknown"
     sides = [f"{angle:.1f}°" if np.isfinite(angle) else ends for angle in camera.fov]
     calibrated = camera.theta_max
-    limit = np.degrees(2 * (calibrated or np.inf))
-    note = f", extrapolated beyond {limit:.1f}°" if any(angle > limit for angle in camera.fov) else ""
+    limit = extrapolated_beyond_deg(camera, camera.fov)
+    note = "" if limit is None else f", extrapolated beyond {limit:.1f}°"
     return {
         "model": camera.model.name,
         "image size": f"{camera.width} x {camera.height} px" if all(camera.size) else "unknown",
