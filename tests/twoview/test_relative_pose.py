@@ -67,6 +67,19 @@ def test_outliers_that_agree_with_distant_points_are_part_of_the_covariance():
     assert 0.85 < normalized_squares(steps, covariances, 5).mean() < 1.15
 
 
+@pytest.mark.slow
+def test_a_pair_that_may_be_an_inlier_leaves_the_direction_known():
+    """One such pair with a large leverage made the information negative at the maximum of the likelihood."""
+    steps, covariances = [], []
+    for seed in range(100):
+        a, b, pose, _ = Scene(120, 0.5, 0.2, count=100).pairs(seed)
+        found = om.relative_pose(a, b, sigma_deg=0.2)
+        assert found.motion.name in ("general", "planar motion"), seed
+        steps.append(step_between(found.b_from_a, pose))
+        covariances.append(found.covariance)
+    assert 0.8 < normalized_squares(steps, covariances, 5).mean() < 1.2
+
+
 def test_covariances_of_bearings_weight_the_pairs():
     scene = Scene(190, 0.0)
     steps, covariances, plain = [], [], []
@@ -122,13 +135,14 @@ def test_few_pairs_are_reported():
 
 @pytest.mark.parametrize("sigma_deg", [0.0, 0.05])
 def test_identical_and_rotated_bearings_are_rotations(sigma_deg):
-    rng = np.random.default_rng(2)
-    a = directions(rng, 100, 190)
-    for rotation in (np.eye(3), exp([0.1, -0.2, 0.3])):
-        b = noisy(rng, a @ rotation.T, sigma_deg)
-        found = om.relative_pose(a, b)
-        assert found.motion.name == "rotation only"
-        assert np.degrees(np.linalg.norm(step_between(found.b_from_a, om.Pose(rotation))[:3])) < 0.1
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        a = directions(rng, 100, 190)
+        for rotation in (np.eye(3), exp([0.1, -0.2, 0.3])):
+            b = noisy(rng, a @ rotation.T, sigma_deg)
+            found = om.relative_pose(a, b)
+            assert found.motion.name == "rotation only", seed
+            assert np.degrees(np.linalg.norm(step_between(found.b_from_a, om.Pose(rotation))[:3])) < 0.1
 
 
 @pytest.mark.parametrize(
@@ -187,7 +201,7 @@ def test_two_motions_of_similar_support_are_ambiguous():
 
 def test_few_pairs_that_leave_two_probable_poses_are_ambiguous():
     scene, returned, ambiguous, wrong = Scene(60, 0.3, 0.2, 20), 0, 0, 0
-    for seed in range(60):
+    for seed in range(200):
         a, b, pose, _ = scene.pairs(seed)
         found = om.relative_pose(a, b)
         ambiguous += found.motion.name == "ambiguous" and found.reason.endswith("probable")
@@ -195,10 +209,10 @@ def test_few_pairs_that_leave_two_probable_poses_are_ambiguous():
             returned += 1
             square = normalized_squares([step_between(found.b_from_a, pose)], [found.covariance], 5)[0]
             wrong += square > 10
-    # The search for one pose alone returned 52; 5 of them were wrong.
-    assert returned >= 35
-    assert ambiguous >= 5
-    assert wrong <= 2
+    # The search for one pose alone returned 52 of 60; 5 of them were wrong.
+    assert returned >= 117
+    assert ambiguous >= 10
+    assert wrong <= 3
 
 
 def test_a_moving_object_does_not_hide_the_motion_of_the_camera():

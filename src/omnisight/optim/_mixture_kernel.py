@@ -20,6 +20,8 @@ MIN_SCALE = 1e-6
 MIN_REST = 1e-6
 # Smallest information of a step, relative to the largest one.
 MIN_INFORMATION = 1e-12
+# Smallest standard deviation of a residual by the model, relative to its own, for derivatives by differences.
+MIN_SPREAD = 1e-3
 # Largest assumed probability that an outlier is consistent by chance. Where all are, the inconsistent ones do not tell
 # how many outliers there are.
 MAX_CHANCE = 0.5
@@ -59,7 +61,9 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         Standard deviation of the inliers' residuals.
     covariance
         (P, P) of a step, the inverse of the observed information: what is unknown about which observations are inliers
-        is subtracted (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982).
+        is subtracted (T. Louis, Finding the observed information matrix when using the EM algorithm, 1982). It is the
+        mean over the posterior (M. Opper and C. Archambeau, The variational Gaussian approximation revisited, 2009): at
+        the maximum it can be negative, where this is unknown of an observation with a large leverage.
     evidence
         Logarithm of the likelihood of the residuals over that of unrelated parts only, plus that of the prior up to a
         constant.
@@ -98,14 +102,18 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
             scale = _scale(squares, dimension, probability, parameters)
         is_small_step = (step * (information @ step)).sum() <= (TOLERANCE * scale) ** 2
         is_converged = is_small_step and abs(scale - before) <= TOLERANCE * before
-    known = np.zeros(count)
-    for i in range(count):
-        if probability[i] > 0.0:
-            unknown = (1.0 - probability[i]) * normalized[i] / dimension
-            known[i] = probability[i] * (1.0 - unknown) / scale**2
     evidence = _evidence(squares, dimension, scale, (share, measured)) - 0.5 * offset @ prior @ offset
-    _fill_normal_equations(residuals, jacobians, known, gradient, information)
-    return model, probability, scale, _covariance(information + prior), evidence
+    _fill_normal_equations(residuals, jacobians, probability / scale**2, gradient, information)
+    covariance, known, found = _covariance(information + prior), np.empty(count), np.empty((parameters, parameters))
+    for _ in range(MAX_ROUNDS):
+        _fill_known(normalized * variance, jacobians, covariance, scale, (share, density), known)
+        _fill_normal_equations(residuals, jacobians, known, gradient, found)
+        change = (covariance * (found - information)).sum()
+        information += (found - information) / (1.0 + abs(change))  # remains positive
+        covariance = _covariance(information + prior)
+        if abs(change) < TOLERANCE:
+            break
+    return model, probability, scale, covariance, evidence
 
 
 @njit_helper
@@ -160,6 +168,33 @@ def _fill_probability(normalized, variance, dimension, outliers, probability):
     for i in range(len(probability)):
         inlier = (1.0 - share[i]) * _gaussian(normalized[i], dimension) / np.sqrt(variance[i]) ** dimension
         probability[i] = inlier / (inlier + share[i] * density[i])
+
+
+@njit_helper
+def _fill_known(squares, jacobians, covariance, scale, outliers, known):
+    """Fill the mean information (N,) of residuals over the posterior of the model, with that covariance.
+
+    It is the derivative of the score p r/sigma^2, p being the probability that an observation with the residual r to
+    the model of the others is an inlier: along r the difference between one standard deviation more and less, and the
+    mean across r.
+    """
+    share, density = outliers
+    _, dimension, parameters = jacobians.shape
+    for i in range(len(known)):
+        known[i] = 0.0
+        if not np.isfinite(squares[i]):
+            continue
+        variance = 0.0
+        for d in range(dimension):
+            for r in range(parameters):
+                for c in range(parameters):
+                    variance += jacobians[i, d, r] * covariance[r, c] * jacobians[i, d, c] / dimension
+        spread, length = max(np.sqrt(variance) / scale, MIN_SPREAD), np.sqrt(squares[i]) / scale
+        ratio, near, far = share[i] * density[i] * scale**dimension, length - spread, length + spread
+        inlier = (1.0 - share[i]) * _gaussian(near**2, dimension), (1.0 - share[i]) * _gaussian(far**2, dimension)
+        less, more = inlier[0] / (inlier[0] + ratio), inlier[1] / (inlier[1] + ratio)
+        along, across = (more * far - less * near) / (2.0 * spread), (less + more) / 2.0
+        known[i] = (along + (dimension - 1) * across) / (dimension * scale**2)
 
 
 @njit_helper

@@ -1,4 +1,4 @@
-"""Which motion and which scene explain pairs of bearings: selection by the geometric information criterion."""
+"""Which motion and which scene explain pairs of bearings."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,8 +15,8 @@ from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]
 
-# Dimension of the manifold of pairs, and number of parameters.
-MODELS = {"general": (3, 5), "dominant plane": (2, 8), "rotation only": (2, 3)}
+# Dimension of the manifold of pairs, and number of parameters, of a general motion and of the homography of a plane.
+GENERAL, PLANE = (3, 5), (2, 8)
 # Rms of the components of the parallax over their noise below which the direction of the translation may be wrong by
 # more than its covariance states: the cost has several minima. With 300 points at 120 to 600 baselines in a field of
 # 60 degrees and a ratio of 1.5 to 2.5, the direction was 5 to 60 degrees off.
@@ -30,8 +30,9 @@ MAX_TRANSLATION_GAIN = 16.27
 # Samples of two pairs: 500 contain one of inliers only, with 99 % probability, if 10 % of the pairs agree with a
 # rotation.
 MAX_ITERATIONS = 500
-# A plane or a rotation has a lower criterion than the general motion only if about three quarters of the inliers agree
-# with it. At least one of 30 samples of four pairs then consists of such inliers, with a probability of 1 - 1e-5.
+# A plane has a lower criterion than the general motion, or a rotation leaves a parallax near its noise, only if about
+# three quarters of the inliers agree with it. At least one of 30 samples of four pairs then consists of such inliers,
+# with a probability of 1 - 1e-5.
 MAX_COMPETING_ITERATIONS = 30
 # A motion is planar if its translation is perpendicular to the axis of rotation within so many standard deviations, and
 # these are small enough to reveal another one.
@@ -77,7 +78,9 @@ def select_motion(
 ) -> MotionSelection:
     """Select the motion model of pairs with known noise.
 
-    The models are compared by the geometric robust information criterion (P. Torr, An assessment of information
+    The motion is a rotation only if the parallax is near its noise and contains no significant translation: the noise
+    that was estimated with the general motion, which fits some of it, is too low for a comparison of both. A plane and
+    a general motion are compared by the geometric robust information criterion (P. Torr, An assessment of information
     criteria for motion model selection, CVPR 1997).
 
     Parameters
@@ -100,29 +103,23 @@ def select_motion(
     if general.model is None:
         return _rotation_model(pairs, options)
     search = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
-    homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
-    _, squares_of_rotation = _best(RotationProblem.of(inliers), search)
-    squares = {
-        "general": squared_residuals(RelativePoseProblem.of(inliers), general.model),
-        "dominant plane": squares_of_plane,
-        "rotation only": squares_of_rotation,
-    }
-    criteria = {name: information_criterion(squares[name], *MODELS[name]) for name in MODELS}
-    if criteria["rotation only"] < criteria["general"]:
+    _, parallax = _best(RotationProblem.of(inliers), search)
+    ratio = float(np.sqrt(np.sort(parallax)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))].mean()))
+    if ratio < MIN_PARALLAX_RATIO:
         found = _rotation_model(pairs, options)
         rotation = found.rotation
         if rotation and rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
             return found
-    parallax = np.sort(squares_of_rotation)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))]
-    ratio = float(np.sqrt(parallax.mean()))
+    homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
+    squares = squared_residuals(RelativePoseProblem.of(inliers), general.model)
+    is_plane = information_criterion(squares_of_plane, *PLANE) < information_criterion(squares, *GENERAL)
     name, figure = "general", f"rms parallax {ratio:.1f} times its noise"
-    plane = homography if criteria["dominant plane"] < criteria["general"] else None
     if ratio < MIN_PARALLAX_RATIO:
         name = "insufficient parallax"
-    elif plane is not None:
+    elif is_plane:
         share = np.mean(squares_of_plane <= THRESHOLDS[2])
         name, figure = "dominant plane", f"{share:.0%} of the inliers are on one plane"
-    return MotionSelection(MotionModel(name, figure), homography=plane)
+    return MotionSelection(MotionModel(name, figure), homography=homography if is_plane else None)
 
 
 def pose_motion(model: Array, covariance: Array) -> MotionModel:
