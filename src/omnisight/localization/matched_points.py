@@ -11,7 +11,7 @@ from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.features import Keypoints
 from omnisight.geometry.pose import Pose
-from omnisight.sfm.pixel_rays import FreeCameras
+from omnisight.sfm.pixel_rays import FreeCameras, residual_derivatives
 from omnisight.sfm.reconstruction import Points
 from omnisight.twoview.absolute_pose import AbsolutePose, resect
 from omnisight.twoview.triangulation import whitening
@@ -145,9 +145,10 @@ class MatchedPoints(Displayed):
         bearings = at / np.linalg.norm(at, axis=1, keepdims=True)
         by_shift = axes @ self._tangents(cam_from_world)
         by_pose = np.concatenate([np.cross(rotated[:, None, :], by_shift), by_shift], axis=2)
-        by_params = self.camera.model.unproject_with_jacobians(self.pixels)[3]
+        by_pixel = self.camera.model.unproject_with_jacobians(self.pixels)[2]
+        by_params = axes @ by_pixel @ residual_derivatives(self.camera.model, self.pixels, bearings)
         residuals = (axes @ (bearings - self.bearings)[:, :, None])[:, :, 0]
-        return LinearizedPose(residuals, by_pose, -axes @ by_params)
+        return LinearizedPose(residuals, by_pose, by_params)
 
     def _tangents(self, cam_from_world: Pose) -> Array:
         """Return the derivatives (N, 3, 3) of the directions of the points by a shift of them in the camera frame."""

@@ -147,16 +147,16 @@ class Bundle:
         shape = points + len(residuals), len(starts) - 1
         return BlockPattern.of_incidence(starts, csr_array(coo_array((np.ones(len(ends[0]), bool), ends), shape)))
 
-    def rays_at(self, state: Structure) -> tuple[RayObservations, Array]:
-        """Return the rays with the cameras of a state, and the derivatives (M, 2, Q) of residuals by their values."""
+    def rays_at(self, state: Structure) -> RayObservations:
+        """Return the rays with the cameras of a state."""
         if self.pixels is None:
-            return self.rays, np.zeros((len(self.rays), 2, 0))
-        bearings, axes, derivatives = self.pixels.at(state.values)
-        return replace(self.rays, bearings=bearings, axes=axes), derivatives
+            return self.rays
+        bearings, axes = self.pixels.at(state.values)
+        return replace(self.rays, bearings=bearings, axes=axes)
 
     def squared_residuals(self, state: Structure) -> Array:
         """Return the squared lengths (M,) of the whitened residuals; inf for points behind their rays."""
-        return state.squared_residuals(self.rays_at(state)[0])
+        return state.squared_residuals(self.rays_at(state))
 
     def cost(self, state: Structure) -> float:
         """Return the robust cost."""
@@ -168,11 +168,11 @@ class Bundle:
         """Return residuals and derivatives with weights (M,), by default those of the loss."""
         from omnisight.sfm._bundle_kernel import linearize
 
-        rays, by_values = self.rays_at(state)
+        rays = self.rays_at(state)
         count, poses = len(rays), (state.rig_from_world, state.sensor_from_rig)
         weights = self.loss.weight(state.squared_residuals(rays)) if weights is None else weights
         residuals, by_point = np.empty((count, 2)), np.empty((count, 2, 3))
-        by_pose = np.empty((count, 2, self.cameras.columns.shape[1] - by_values.shape[2]))
+        by_pose = np.empty((count, 2, self.cameras.columns.shape[1] - len(state.values)))
         indices, derivatives = (rays.frame, rays.sensor, rays.point), (residuals, by_pose, by_point)
         parallel_for(
             lambda first, last: linearize(
@@ -181,7 +181,8 @@ class Bundle:
             count,
             RAYS_PER_TASK,
         )
-        if by_values.shape[2]:
+        if self.pixels is not None:
+            by_values = self.pixels.derivatives(state.values, state.directions(rays))
             by_pose = np.concatenate([by_pose, np.sqrt(weights)[:, None, None] * by_values], axis=2)
         return LinearizedBundle(
             self.starts, rays.point, self.cameras, residuals, by_pose, by_point, self._prior(state), self.divided
@@ -247,7 +248,7 @@ class Bundle:
         """Return the structure with the points of least cost for its cameras."""
         from omnisight.sfm._point_kernel import refine_points
 
-        rays, points = self.rays_at(state)[0], state.points.copy()
+        rays, points = self.rays_at(state), state.points.copy()
         poses, indices = (state.rig_from_world, state.sensor_from_rig), (self.starts, rays.frame, rays.sensor)
         of_loss, most = (self.loss.degrees, self.loss.sigma**2), int(np.diff(self.starts).max(initial=0))
 

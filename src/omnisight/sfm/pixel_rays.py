@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnisight.camera import Camera
+from omnisight.models import CameraModel
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Variances of a calibration below this share of the largest are those of fixed parameters.
 MIN_RELATIVE_VARIANCE = 1e-24
+# Step of derivatives along tangents by differences, radians, and length of a tangent that has no direction.
+STEP, MIN_TANGENT = 1e-5, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,20 +145,54 @@ class PixelRays:
         """Return some of the pixels."""
         return replace(self, sensor=self.sensor[use], pixels=self.pixels[use], whitening=self.whitening[use])
 
-    def at(self, values: Array) -> tuple[Array, Array, Array]:
-        """Return bearings (N, 3), whitened tangents (N, 2, 3), and the derivatives of residuals (N, 2, Q) by values.
-
-        The residual A u of a direction u has the derivative -A db: the tangents turn with the bearing b. A pixel that
-        the cameras do not see has the bearing zero.
-        """
+    def at(self, values: Array) -> tuple[Array, Array]:
+        """Return bearings (N, 3) and whitened tangents (N, 2, 3); zeros for pixels that the cameras do not see."""
         bearings, axes = np.zeros((len(self.pixels), 3)), np.zeros((len(self.pixels), 2, 3))
-        derivatives = np.zeros((len(self.pixels), 2, self.free.count))
+        for k, camera in enumerate(self.free.at(values)):
+            use = np.flatnonzero(self.sensor == k)
+            seen, valid = camera.model.unproject(self.pixels[use])
+            use, seen = use[valid], seen[valid]
+            bearings[use] = seen
+            axes[use] = self.whitening[use] @ camera.model.project_with_jacobians(seen)[2]
+        return bearings, axes
+
+    def derivatives(self, values: Array, directions: Array) -> Array:
+        """Return the derivatives (N, 2, Q) of the residuals of unit directions (N, 3) by the values."""
+        found = np.zeros((len(self.pixels), 2, self.free.count))
         for k, (camera, basis) in enumerate(zip(self.free.at(values), self.free.bases, strict=True)):
             use = np.flatnonzero(self.sensor == k)
-            seen, valid, by_pixel, by_params = camera.model.unproject_with_jacobians(self.pixels[use])
-            use, by_pixel = use[valid], by_pixel[valid]
-            gram = np.linalg.inv(by_pixel.transpose(0, 2, 1) @ by_pixel)
-            bearings[use] = seen[valid]
-            axes[use] = self.whitening[use] @ gram @ by_pixel.transpose(0, 2, 1)
-            derivatives[use] = -axes[use] @ by_params[valid] @ basis
-        return bearings, axes, derivatives
+            by_params = residual_derivatives(camera.model, self.pixels[use], directions[use])
+            found[use] = self.whitening[use] @ by_params @ basis
+        return found
+
+
+def residual_derivatives(model: CameraModel, pixels: Array, directions: Array) -> Array:
+    """Return the derivatives (N, 2, P) of the residuals J u of unit directions u by the parameters of a camera.
+
+    J is the derivative of the pixel by the point at the bearing b of the observed pixel, and both depend on the
+    parameters. With u = c b + t, where t is tangent, and J b = 0 at all bearings, it is c p + D p + (D J) b', where p
+    and b' are the derivatives of the pixel and of the bearing by the parameters, and D is the derivative along t. The
+    terms with D are as small as the residual, but those of all observations add up: a larger image has larger
+    residuals.
+
+    Parameters
+    ----------
+    model
+        The camera.
+    pixels
+        (N, 2) observed pixels. The derivatives are zero if the camera does not see them.
+    directions
+        (N, 3).
+    """
+    bearings, valid, _, bearings_by_params = model.unproject_with_jacobians(pixels)
+    along = (bearings * directions).sum(axis=1, keepdims=True)
+    tangents = directions - along * bearings
+    length = np.linalg.norm(tangents, axis=1, keepdims=True)
+    step = STEP * tangents / np.maximum(length, MIN_TANGENT)
+    by_params = model.project_with_jacobians(bearings)[3]
+    (_, _, *after), (_, _, *before) = (model.project_with_jacobians(bearings + sign * step) for sign in (1, -1))
+    change_of_point, change_of_params = (
+        (length / (2 * STEP))[:, :, None] * (b - a) for a, b in zip(before, after, strict=True)
+    )
+    found = along[:, :, None] * by_params + change_of_params + change_of_point @ bearings_by_params
+    return np.where(valid[:, None, None] & np.isfinite(found), found, 0.0)

@@ -90,7 +90,7 @@ class RigImages:
         """Return the images with the rays for values (Q,) of free cameras."""
         if self.pixels is None:
             return self
-        bearings, axes, _ = self.pixels.at(values)
+        bearings, axes = self.pixels.at(values)
         return replace(self, bearings=bearings, axes=axes)
 
     @property

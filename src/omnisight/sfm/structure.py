@@ -84,12 +84,21 @@ class Structure:
         )
         return squares
 
+    def directions(self, rays: RayObservations) -> Array:
+        """Return the unit directions (M, 3) of the points from the origins of their rays."""
+        offsets = self._from_origins(rays)
+        return offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), np.finfo(float).tiny)
+
     def distances(self, rays: RayObservations) -> Array:
         """Return the distances (M,) of the points from the origins of their rays."""
+        return np.linalg.norm(self._from_origins(rays), axis=1)
+
+    def _from_origins(self, rays: RayObservations) -> Array:
+        """Return the positions (M, 3) of the points relative to the origins of their rays."""
         of_frame, of_sensor = self.rig_from_world[rays.frame], self.sensor_from_rig[rays.sensor]
         in_rig = np.einsum("mij,mj->mi", of_frame[:, :, :3], self.points[rays.point]) + of_frame[:, :, 3]
         in_sensor = np.einsum("mij,mj->mi", of_sensor[:, :, :3], in_rig) + of_sensor[:, :, 3]
-        return np.linalg.norm(in_sensor - rays.origins, axis=1)
+        return in_sensor - rays.origins
 
     def coincide_with_cameras(self, rays: RayObservations) -> NDArray[np.bool_]:
         """Return which points (P,) are at a camera: any motion of the camera around them changes their direction."""

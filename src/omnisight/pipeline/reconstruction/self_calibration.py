@@ -28,8 +28,9 @@ FISHEYES, PERSPECTIVES = (100.0, 130.0, 160.0, 190.0, 220.0, 260.0, 300.0), (40.
 # matches, and number of keypoints of each image that are matched for that.
 MAX_PAIRS, MAX_MATCHED_PAIRS, MAX_MATCHED_KEYPOINTS = 6, 300, 300
 # Standard deviations of the principal point about the centre of the image circle or of the image, as a share of the
-# image's diagonal, and of further distortion coefficients about zero. Focal length and first coefficient are free.
-CENTER_SIGMA, COEFFICIENT_SIGMAS = 0.003, {"k2": 0.01, "k3": 0.001}
+# image's diagonal, of the ratio of both focal lengths about 1 (board calibrations of one fisheye by several programs
+# and models: 0.003), and of further distortion coefficients about zero. Focal length and first coefficient are free.
+CENTER_SIGMA, ASPECT_SIGMA, COEFFICIENT_SIGMAS = 0.003, 0.003, {"k2": 0.01, "k3": 0.001}
 # Rounds of mapping with the cameras of the round before, and change of the rays at which they end.
 MAX_ROUNDS, CONVERGED_RAD = 4, float(np.radians(0.02))
 
@@ -52,7 +53,8 @@ def candidate_cameras(field: ImageField) -> list[Camera]:
 def prior_sigmas(camera: Camera) -> dict[tuple[str, ...], float]:
     """Return the standard deviations of the groups of parameters that are refined; see `FreeCameras`."""
     center = CENTER_SIGMA * float(np.hypot(*camera.size))
-    free = {("fx", "fy"): np.inf, ("k1",): np.inf}
+    focal = float(camera.model.params[camera.model.param_names.index("fy")])
+    free = {("fx", "fy"): np.inf, ("fy",): ASPECT_SIGMA * focal, ("k1",): np.inf}
     return {**free, ("cx",): center, ("cy",): center, **{(name,): sigma for name, sigma in COEFFICIENT_SIGMAS.items()}}
 
 
