@@ -104,13 +104,14 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         is_converged = is_small_step and abs(scale - before) <= TOLERANCE * before
     evidence = _evidence(squares, dimension, scale, (share, measured)) - 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, probability / scale**2, gradient, information)
-    covariance, known, found = _covariance(information + prior), np.empty(count), np.empty((parameters, parameters))
+    covariance, known, found = _covariance(information + prior, root), np.empty(count), np.empty_like(information)
     for _ in range(MAX_ROUNDS):
-        _fill_known(normalized * variance, jacobians, covariance, scale, (share, density), known)
+        _fill_leverage(jacobians, squares, root, leverage)
+        _fill_known(normalized * variance, leverage, (dimension, scale), (share, density), known)
         _fill_normal_equations(residuals, jacobians, known, gradient, found)
         change = (covariance * (found - information)).sum()
         information += (found - information) / (1.0 + abs(change))  # remains positive
-        covariance = _covariance(information + prior)
+        covariance = _covariance(information + prior, root)
         if abs(change) < TOLERANCE:
             break
     return model, probability, scale, covariance, evidence
@@ -171,25 +172,19 @@ def _fill_probability(normalized, variance, dimension, outliers, probability):
 
 
 @njit_helper
-def _fill_known(squares, jacobians, covariance, scale, outliers, known):
-    """Fill the mean information (N,) of residuals over the posterior of the model, with that covariance.
+def _fill_known(squares, leverage, noise, outliers, known):
+    """Fill the mean information (N,) of residuals over the posterior of the model, from their variances `leverage`.
 
     It is the derivative of the score p r/sigma^2, p being the probability that an observation with the residual r to
     the model of the others is an inlier: along r the difference between one standard deviation more and less, and the
     mean across r.
     """
-    share, density = outliers
-    _, dimension, parameters = jacobians.shape
+    (dimension, scale), (share, density) = noise, outliers
     for i in range(len(known)):
         known[i] = 0.0
         if not np.isfinite(squares[i]):
             continue
-        variance = 0.0
-        for d in range(dimension):
-            for r in range(parameters):
-                for c in range(parameters):
-                    variance += jacobians[i, d, r] * covariance[r, c] * jacobians[i, d, c] / dimension
-        spread, length = max(np.sqrt(variance) / scale, MIN_SPREAD), np.sqrt(squares[i]) / scale
+        spread, length = max(np.sqrt(leverage[i]) / scale, MIN_SPREAD), np.sqrt(squares[i]) / scale
         ratio, near, far = share[i] * density[i] * scale**dimension, length - spread, length + spread
         inlier = (1.0 - share[i]) * _gaussian(near**2, dimension), (1.0 - share[i]) * _gaussian(far**2, dimension)
         less, more = inlier[0] / (inlier[0] + ratio), inlier[1] / (inlier[1] + ratio)
@@ -271,17 +266,20 @@ def _scale(squares, dimension, probability, parameters):
 
 
 @njit_helper
-def _covariance(information):
-    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
+def _covariance(information, root):
+    """Return the inverse B^T B of an observed information (P, P), whose eigenvalues are not always positive; fill B.
 
     An unobservable step has a huge variance, not zero as in a pseudo-inverse.
     """
     size = len(information)
-    values, vectors, covariance = np.empty(size), np.empty((size, size)), np.zeros((size, size))
-    symmetric_eigen(information.copy(), values, vectors)
+    values, covariance = np.empty(size), np.zeros((size, size))
+    symmetric_eigen(information.copy(), values, root)
     least = max(values[size - 1] * MIN_INFORMATION, np.finfo(np.float64).tiny)
     for k in range(size):
+        factor = 1.0 / np.sqrt(max(values[k], least))
+        for i in range(size):
+            root[k, i] *= factor
         for i in range(size):
             for j in range(size):
-                covariance[i, j] += vectors[k, i] * vectors[k, j] / max(values[k], least)
+                covariance[i, j] += root[k, i] * root[k, j]
     return covariance
