@@ -1,4 +1,4 @@
-"""Visual odometry of rendered sequences against the true poses.
+"""Visual odometry of rendered sequences against the true poses, while tracking and after the refinement at the end.
 
 `python -m benchmarks motion` prints the table of docs/guide/odometry.md. The rendered images are kept in the cache
 folder, or in the folder of temporary files if it does not exist.
@@ -14,8 +14,7 @@ import omnisight as om
 from benchmarks import motion_colmap
 from benchmarks.motion_crops import HEADER, print_crops
 from benchmarks.motion_edges import print_edges
-from benchmarks.motion_loops import print_loops
-from benchmarks.motion_score import errors
+from benchmarks.motion_loops import print_loops, refined_without_loops, score, stages, track_images
 from benchmarks.rendered_images import image_cache
 from omnisight.simulation import fisheye_setup, mirror_setup
 from omnisight.simulation.example_rigs import back_to_back
@@ -63,7 +62,7 @@ def camera_of(name: str) -> om.Camera | om.Rig:
 
 def render(sequence: RenderedSequence) -> Path:
     """Return the folder of a rendered sequence, from the cache if it is there."""
-    folder = image_cache("motion") / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
+    folder = image_cache("odometry") / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
     if not (folder / "poses.txt").exists():
         folder.parent.mkdir(exist_ok=True)
         up = "back" if sequence.camera == "mirror" else "top"
@@ -72,9 +71,9 @@ def render(sequence: RenderedSequence) -> Path:
     return folder
 
 
-def track(folder: Path, *, loops: bool) -> om.OdometryResult:
-    """Return the odometry of a rendered sequence, in which loops are closed on request."""
-    rig, options = folder / "rig.json", om.OdometryOptions(loops=loops)
+def track(folder: Path) -> om.OdometryResult:
+    """Return the odometry of a rendered sequence, in which no loops are closed."""
+    rig, options = folder / "rig.json", om.OdometryOptions(loops=False)
     if rig.exists():
         return om.odometry(folder, rig=rig, options=options)
     return om.odometry(folder / "images", folder / "camera.json", options=options)
@@ -83,13 +82,11 @@ def track(folder: Path, *, loops: bool) -> om.OdometryResult:
 def row(sequence: RenderedSequence) -> str:
     """Return the row of a sequence in the table."""
     folder = render(sequence)
-    result = track(folder, loops=True)
-    true = read_trajectory(folder / "poses.txt").poses
-    found = [pose.rig_from_world.inverse() for pose in result.trajectory]
-    score = errors(found, [true[pose.frame] for pose in result.trajectory])
-    figures = f"{score.position:.3%} | {score.drift:.3%} | {score.drift_deg_per_m:.4f} | {result.fps:.0f}"
-    coverage = f"{len(result.trajectory)} of {result.frames}"
-    return f"| {sequence.scene}, {sequence.camera} | {score.length:.0f} m | {coverage} | {figures} |"
+    exact = read_trajectory(folder / "poses.txt")
+    tracking = track_images(folder, camera_of(sequence.camera), exact.times)
+    tracked, refined = (score(found, exact.poses) for found in (tracking.trajectory, refined_without_loops(tracking)))
+    coverage = f"{len(tracking.trajectory)} of {sequence.count}"
+    return f"| {sequence.scene}, {sequence.camera} | {tracked.length:.0f} m | {coverage} | {stages(tracked, refined)} |"
 
 
 def compare_crops(sequences: Sequence[RenderedSequence]) -> None:
@@ -106,7 +103,7 @@ def compare_colmap(sequences: Sequence[RenderedSequence]) -> None:
     for sequence in sequences:
         folder = render(sequence)
         true, start = read_trajectory(folder / "poses.txt").poses, time.perf_counter()
-        found = track(folder, loops=False).trajectory
+        found = track(folder).trajectory
         seconds, label = time.perf_counter() - start, f"{sequence.scene}, {sequence.camera}"
         poses = {pose.frame: pose.rig_from_world for pose in found}
         print(motion_colmap.row(label, "omnisight", poses, true, seconds), flush=True)
@@ -137,8 +134,8 @@ def main(arguments: list[str]) -> None:
     if options.edges:
         print_edges(quick)
         return
-    print("| sequence | path | images with a pose | error | drift | drift °/m | images per second |")
-    print("|---|---|---|---|---|---|---|")
+    print("| sequence | path | images with a pose | error | drift | drift °/m |")
+    print("|---|---|---|---|---|---|")
     for sequence in chosen:
         print(row(sequence), flush=True)
     if options.sequences is None:

@@ -17,8 +17,8 @@ from omnisight.simulation.motion_blur import exposure_times
 from omnisight.simulation.preset_motion import DRIVE, Route, preset_trajectory
 from omnisight.simulation.trajectory import Trajectory, write_trajectory
 
-# Images per second.
-FPS = 10.0
+# Images per second, and width of the images, px.
+FPS, WIDTH = 10.0, 640
 # Around one block of the town, on the right lane; there and back through the street, on two lanes.
 BLOCK = ((7, 0, -1.7), (61, -0.4, -1.7), (69.7, -0.4, -1.7), (69.7, -0.5, 7), (69.7, -1.2, 43), (69.7, -1.2, 51.7))
 BLOCK = (*BLOCK, (61, -1.2, 51.7), (7, -1.2, 51.7), (-1.7, -1.2, 51.7), (-1.7, -1.2, 43), (-1.7, 0, 7), (-1.7, 0, -1.7))
@@ -63,7 +63,7 @@ class Drive:
     route: str
     camera: str
     count: int
-    width: int = 640
+    width: int = WIDTH
     exposure_time: float = 0.0
     seed: int = 0
     fps: float = FPS
@@ -71,7 +71,9 @@ class Drive:
     @property
     def name(self) -> str:
         """Name of its folder."""
-        others = (f"-seed{self.seed}" if self.seed else "") + (f"-{self.fps:g}fps" if self.fps != FPS else "")
+        others = f"-seed{self.seed}" if self.seed else ""
+        others += f"-{self.fps:g}fps" if self.fps != FPS else ""
+        others += f"-{self.width}px" if self.width != WIDTH else ""
         return f"{self.route}-{self.camera}-{self.count}{others}"
 
     @property

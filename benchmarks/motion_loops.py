@@ -1,7 +1,8 @@
 """Loop closing on rendered drives and walks that return to places: `python -m benchmarks motion --loops`."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,8 +11,13 @@ from benchmarks.motion_drives import Drive, render
 from benchmarks.motion_score import Errors, errors
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
+from omnisight.visual_odometry.central_rig import has_baseline
 from omnisight.visual_odometry.frame_result import TrackedPose
+from omnisight.visual_odometry.loop_bundle import adjust_globally
+from omnisight.visual_odometry.loop_detection import LoopDetector
+from omnisight.visual_odometry.loop_graph import world_from_keyframes
 from omnisight.visual_odometry.loop_result import LoopClosure
+from omnisight.visual_odometry.trajectory_correction import correct_trajectory
 
 DRIVES = (
     Drive("block", "fisheye", 450),
@@ -32,15 +38,27 @@ MAX_ANGLE_DEG, MAX_DISTANCE_M = 2.0, 1.0
 
 def track(drive: Drive) -> om.Odometry:
     """Track a drive."""
-    folder, body = render(drive), drive.body
+    return track_images(render(drive), drive.body, drive.trajectory.times)
+
+
+def track_images(folder: Path, body: om.Camera | om.Rig, times: Iterable[float]) -> om.Odometry:
+    """Track the images of a folder, those of a rig in folders of the names of its cameras."""
+    names = body.names if isinstance(body, om.Rig) else ["images"]
+    files = zip(*(sorted((folder / name).iterdir()) for name in names), strict=True)
     tracking = om.Odometry(body)
-    for k, seconds in enumerate(drive.trajectory.times):
-        if isinstance(body, om.Rig):
-            tracking.add([om.read_image(folder / name / f"{k:05d}.jpg") for name in body.names], seconds)
-        else:
-            tracking.add(om.read_image(folder / "images" / f"{k:05d}.jpg"), seconds)
+    for seconds, of_frame in zip(times, files, strict=True):
+        tracking.add([om.read_image(file) for file in of_frame], seconds)
     tracking.finish()
     return tracking
+
+
+def refined_without_loops(tracking: om.Odometry) -> tuple[TrackedPose, ...]:
+    """Return the trajectory with all keyframes refined together, although places were seen again."""
+    history = tracking._history  # pyright: ignore[reportPrivateUsage]
+    assert history is not None
+    detector = LoopDetector(history, has_scale=has_baseline(tracking.rig))
+    rows, nodes = adjust_globally(history, detector, [], world_from_keyframes(history))
+    return correct_trajectory(tracking.trajectory, np.array(history.frames)[rows], nodes)
 
 
 def score(trajectory: Sequence[TrackedPose], true: Sequence[Pose]) -> Errors:
@@ -57,14 +75,22 @@ def row(drive: Drive) -> str:
     closed = tracking.close_loops()
     seconds = time.process_time() - tracked
     before, after = score(tracking.trajectory, true), score(closed.trajectory, true)
+    refined = score(refined_without_loops(tracking), true)
     coverage = len(tracking.trajectory) / drive.count
     name = f"{drive.route}, {drive.camera}"
     if coverage < MIN_COVERAGE:
         return f"| {name} | failed: {coverage:.0%} of the images have a pose |"
-    figures = f"{before.drift:.3%} | {before.drift_deg_per_m:.4f} | {before.position:.3%} | {after.position:.3%}"
+    figures = f"{stages(before, refined)} | {after.position:.3%}"
     times = f"{(tracked - start) / drive.count * 1000:.0f} ms | {seconds:.0f} s"
     loops = _loops(closed, tracking.trajectory, true)
     return f"| {name} | {before.length:.0f} m | {coverage:.0%} | {figures} | {loops} | {times} |"
+
+
+def stages(tracked: Errors, refined: Errors) -> str:
+    """Return the cells of error and drift while tracking, and of the refined trajectory."""
+    cells = [(each.position, each.drift, each.drift_deg_per_m) for each in (tracked, refined)]
+    formats = "{:.3%} / {:.3%}", "{:.3%} / {:.3%}", "{:.4f} / {:.4f}"
+    return " | ".join(text.format(*pair) for text, pair in zip(formats, zip(*cells, strict=True), strict=True))
 
 
 def _loops(closed: LoopClosure, before: Sequence[TrackedPose], true: Sequence[Pose]) -> str:
@@ -89,7 +115,7 @@ def _world_from_rig(trajectory: Sequence[TrackedPose]) -> list[Pose]:
 
 def print_loops(quick: bool) -> None:
     """Print the table."""
-    print("\n| drive | path | images with a pose | drift | drift °/m | error | after loops | loops | image | closing |")
+    print("\n| drive | path | images with a pose | error | drift | drift °/m | after loops | loops | image | closing |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for drive in DRIVES[:1] if quick else DRIVES:
         print(row(drive), flush=True)

@@ -36,12 +36,12 @@ class Loop(Displayed):
 
 @dataclass(frozen=True, eq=False)
 class LoopClosure:
-    """A trajectory with closed loops; false if there are none.
+    """A refined trajectory with closed loops; false if there are none.
 
     Attributes
     ----------
     trajectory
-        Poses of the same frames as before. Without loops, those of keyframes are the ones that the window refined last.
+        Poses of the same frames as before, those of all keyframes refined together.
     loops
         The loops that agree with the trajectory and with each other.
     rejected

@@ -17,8 +17,8 @@ class MotionOptions(Options):
     window
         Number of keyframes that are refined together.
     loops
-        Close loops: places that were seen before correct the trajectory at the end. Keyframes are kept for it, and
-        memory grows with their number.
+        Refine all keyframes together at the end, and close loops: places that were seen before correct the trajectory.
+        Keyframes are kept for it, and memory grows with their number.
     motion
         How the camera moves: "car" if its z axis is that of a car that steers with its front wheels, where one pair
         of directions determines a motion instead of five, which tolerates more outliers; "general" otherwise.

@@ -168,7 +168,7 @@ class Odometry:
         self.lost = [replace(each, recovery="") if each.first > end else each for each in self.lost]
 
     def close_loops(self) -> LoopClosure:
-        """Return the trajectory so far, corrected by the places that the camera has seen before.
+        """Return the trajectory so far, refined by all keyframes and the places that the camera has seen before.
 
         Tracking is not changed, and can go on: its world drifts without jumps, and that of the result does not drift.
 

@@ -201,7 +201,7 @@ def _masks(path: Path | None, body: Rig | Camera) -> list[NDArray[np.bool_]]:
 
 
 def _close_loops(tracking: Odometry, options: OdometryOptions, progress: Progress) -> LoopClosure:
-    """Return the trajectory with closed loops, or as it is."""
+    """Return the refined trajectory, with closed loops, or the trajectory as it is."""
     if not options.loops:
         return LoopClosure(tuple(tracking.trajectory))
     progress("closing loops", 0, 1)
@@ -215,6 +215,5 @@ def _in_metres(tracking: Odometry, closed: LoopClosure, known: ScaleSources) -> 
     if tracking.has_scale and tracking.rig.unit == "m":
         segments = trajectory_segments(closed.trajectory, tracking.lost, closed.loops)
         return ScaledTrajectory.of_rig(closed.trajectory, segments, tracking.extrapolated_from)
-    if closed:
-        known.correct(tracking.trajectory, closed.trajectory)
+    known.correct(tracking.trajectory, closed.trajectory)
     return known.apply(closed.trajectory, tracking.lost, closed.loops)

@@ -160,7 +160,7 @@ class ScaleSources:
             self._heights.append(found)
 
     def correct(self, tracked: Sequence[TrackedPose], closed: Sequence[TrackedPose]) -> None:
-        """Convert heights of the ground to the unit of a trajectory whose loops were closed, in which scales differ."""
+        """Convert heights of the ground to the unit of a refined trajectory, in which scales differ."""
         before, after = (
             np.array([pose.rig_from_world.inverse().translation for pose in poses]) for poses in (tracked, closed)
         )
