@@ -12,6 +12,7 @@ from omnisight.choices import Options
 from omnisight.features.detection_views import (
     DetectionView,
     MirroredView,
+    distance_to_invalid,
     pixel_grid,
     tangent_views,
     valid_region,
@@ -103,13 +104,13 @@ def detect_features(
         mask = np.asarray(to_numpy(mask))
         _check_size("mask", mask, camera)
     gray = to_gray8(image)
-    valid = illuminated_region(gray, camera)
-    gray = _brightened(gray, valid)
+    circle = None if _has_known_field(camera) else illuminated_region(gray, camera)
+    gray = _brightened(gray, valid_region(camera) if circle is None else circle)
     detector = DETECTORS[options.kind]
     surface = tangent_views if options.surface == "views" else whole_image
     views = surface(camera, options.max_resolution)
     views = [MirroredView(view) for view in views] if mirrored else views
-    found = parallel_map(lambda view: _detect_in_view(view, gray, valid, detector, options.max_keypoints), views)
+    found = parallel_map(lambda view: _detect_in_view(view, gray, circle, detector, options.max_keypoints), views)
     keypoints, response = concatenate([k for k, _ in found]), np.concatenate([r for _, r in found])
     if mask is not None:
         column, row = np.clip(np.rint(keypoints.pixels).astype(int), 0, np.array(camera.size) - 1).T
@@ -120,10 +121,10 @@ def detect_features(
 
 
 def _detect_in_view(
-    view: DetectionView, gray: NDArray[np.uint8], valid: Mask, detector: Detector, count: int
+    view: DetectionView, gray: NDArray[np.uint8], circle: Mask | None, detector: Detector, count: int
 ) -> tuple[Keypoints, Array]:
-    """Return the keypoints of a view and their responses."""
-    clearance = _distance_to_invalid(view(valid.astype(np.uint8) * 255) == 255)
+    """Return the keypoints of a view and their responses, within the image circle (H, W) if the field is not known."""
+    clearance = view.clearance if circle is None else distance_to_invalid(view, circle)
     raw = detector.detect(view(gray), np.where(clearance > 1, view.cell, 0).astype(np.uint8), count)
     column, row = np.rint(raw.pixels).astype(int).T
     raw = raw.select(clearance[row, column] >= detector.support * raw.radius)
@@ -148,23 +149,19 @@ def _brightened(gray: NDArray[np.uint8], valid: Mask) -> NDArray[np.uint8]:
     return np.asarray(cv2.LUT(gray, levels), np.uint8)
 
 
-def _distance_to_invalid(valid: Mask) -> NDArray[np.float32]:
-    """Return the distance (H, W), px, of each pixel to the nearest invalid one; beyond the image all are invalid."""
-    import cv2
-
-    padded = np.pad(valid.astype(np.uint8), 1)
-    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], np.float32)
-
-
 def illuminated_region(gray: NDArray[np.uint8], camera: Camera) -> Mask:
     """Return which pixels (H, W) show the scene.
 
     They are in the calibrated field of view of the camera, or, if it is unknown, in the image circle that is detected.
     """
-    valid = valid_region(camera)
-    if camera.theta_max is None and camera.model.period is None:
-        valid = valid & estimate_image_field([gray]).contains(pixel_grid(camera))
-    return valid
+    if _has_known_field(camera):
+        return valid_region(camera)
+    return valid_region(camera) & estimate_image_field([gray]).contains(pixel_grid(camera))
+
+
+def _has_known_field(camera: Camera) -> bool:
+    """Return whether the field of view is calibrated, or that of a 360 image."""
+    return camera.theta_max is not None or camera.model.period is not None
 
 
 def _check_size(name: str, array: NDArray[Any], camera: Camera) -> None:

@@ -1,7 +1,8 @@
 """The images in which keypoints are detected: the image of the camera itself, or views that rectify it locally."""
 
-from functools import lru_cache
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,24 +50,35 @@ class Located(NamedTuple):
         return Located(self.pixels[mask], self.bearings[mask], self.d_pixel[mask], self.owned[mask])
 
 
-class DetectionView(Protocol):
-    """An image in which keypoints are detected, made from the image of a camera."""
+class DetectionView(ABC):
+    """An image in which keypoints are detected, made from the image of a camera.
 
+    Attributes
+    ----------
+    camera
+        The camera.
+    cell
+        (H, W), 255 where pixels of the view may be owned.
+    """
+
+    camera: Camera
+    cell: Bytes
+
+    @abstractmethod
     def __call__(self, image: Bytes) -> Bytes:
         """Return the view of an image (H, W), or of a mask of 0 and 255."""
-        ...
 
-    @property
-    def cell(self) -> Bytes:
-        """255 where pixels of the view may be owned."""
-        ...
-
+    @abstractmethod
     def locate(self, pixels: Array) -> Located:
         """Return the directions of pixels (N, 2) of the view."""
-        ...
+
+    @cached_property
+    def clearance(self) -> NDArray[np.float32]:
+        """Distance (H, W), px, of pixels to the nearest outside of the calibrated field of view."""
+        return distance_to_invalid(self, valid_region(self.camera))
 
 
-class WholeImage:
+class WholeImage(DetectionView):
     """The image itself, cropped to what has a direction, and reduced to a maximum resolution.
 
     Columns are repeated at the seam of a 360 image.
@@ -77,7 +89,7 @@ class WholeImage:
         ratio = max_resolution / float(np.median(resolution(camera, bearings))) if len(bearings) else 1.0
         # An integer number of columns, because the image of a 360 camera repeats after them.
         self._factor = round(camera.width * min(ratio, 1.0)) / camera.width
-        self._camera = camera
+        self.camera = camera
         self._margin = MARGIN_PX if is_periodic(camera) else 0
         seen = valid_region(camera)
         rows, columns = (np.flatnonzero(seen.any(axis=axis)) for axis in (1, 0))
@@ -97,15 +109,15 @@ class WholeImage:
 
     def locate(self, pixels: Array) -> Located:
         source = (pixels - (self._margin, 0) + 0.5) / self._factor - 0.5 + self._first
-        bearings, valid, d_pixel, _ = self._camera.model.unproject_with_jacobians(source)
-        return Located(source, bearings, d_pixel / self._factor, valid & self._camera.in_image(source))
+        bearings, valid, d_pixel, _ = self.camera.model.unproject_with_jacobians(source)
+        return Located(source, bearings, d_pixel / self._factor, valid & self.camera.in_image(source))
 
 
-class MirroredView:
+class MirroredView(DetectionView):
     """Another view, with left and right exchanged."""
 
     def __init__(self, view: DetectionView) -> None:
-        self._view = view
+        self._view, self.camera = view, view.camera
         self.cell = np.ascontiguousarray(view.cell[:, ::-1])
 
     def __call__(self, image: Bytes) -> Bytes:
@@ -115,7 +127,7 @@ class MirroredView:
         return self._view.locate(pixels * (-1, 1) + (self.cell.shape[1] - 1, 0))
 
 
-class TangentView:
+class TangentView(DetectionView):
     """A stereographic view of the face of a cube: it maps small circles to circles, at nearly constant resolution.
 
     SIFT and ORB are invariant to rotation and scale, so a conformal view is all they need; a perspective view
@@ -125,7 +137,7 @@ class TangentView:
     def __init__(self, camera: Camera, rotation: Array, seen: Array, max_resolution: float) -> None:
         """Build the view with a rotation (view from camera), cropped to what the camera sees (N, 3) in its face."""
         px_per_rad = min(float(np.median(resolution(camera, seen @ rotation))), max_resolution)
-        self._camera, self._rotation = camera, rotation
+        self.camera, self._rotation = camera, rotation
         self._view = _cropped_view(seen, px_per_rad, max(camera.size) / SAMPLES)
         self._remap = Remapper(camera, self._view, rotation, interpolation="bicubic")
         bearings, _ = self._view.unproject(pixel_grid(self._view))
@@ -140,8 +152,8 @@ class TangentView:
         bearings, valid, d_pixel, _ = self._view.model.unproject_with_jacobians(pixels)
         source_from_view = self._rotation.T
         in_source = bearings @ self._rotation
-        source, visible = self._camera.project(in_source)
-        owned = valid & visible & self._camera.in_image(source) & _is_in_front_face(bearings)
+        source, visible = self.camera.project(in_source)
+        owned = valid & visible & self.camera.in_image(source) & _is_in_front_face(bearings)
         return Located(source, in_source, source_from_view @ d_pixel, owned)
 
 
@@ -183,6 +195,17 @@ def valid_region(camera: Camera) -> Mask:
         bearings, valid = camera.unproject(np.stack([np.arange(camera.width), np.full(camera.width, row)], -1))
         region[row] = valid & camera.calibrated(bearings)
     return region
+
+
+def distance_to_invalid(view: DetectionView, valid: Mask) -> NDArray[np.float32]:
+    """Return the distance (H, W), px, of pixels of a view to the nearest that is not valid in the image.
+
+    Beyond the view all pixels are invalid.
+    """
+    import cv2
+
+    padded = np.pad((view(valid.astype(np.uint8) * 255) == 255).astype(np.uint8), 1)
+    return np.asarray(cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1], np.float32)
 
 
 def pixel_grid(camera: Camera) -> Array:
