@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omnisight.models._angle_polynomial import MAX_SQUARED_STEP
 from omnisight.models._bspline import TO_POWERS, basis, blend, slopes, weights
 from omnisight.models._camera_model import VariantFit
 from omnisight.models._elementwise import (
@@ -29,7 +30,6 @@ from omnisight.models._polynomial_roots import first_positive_root
 from omnisight.models._profile_camera import ProfileCamera, derivative_by_cosine
 from omnisight.models._projector import Array, Partial
 from omnisight.models._spline_distortion import SplineDistortion
-from omnisight.models._theta_polynomial import MAX_SQUARED_STEP
 from omnisight.models.equidistant import Equidistant
 
 # Default spans of the radius, and cells along each side of the correction.
