@@ -1,6 +1,6 @@
 """Global bundle adjustment of keyframes, after loops have been closed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from omnisight.optim.loss import StudentT, robust_sigma
 from omnisight.optim.pose_graph import Similarities
 from omnisight.sfm.bundle_adjustment import Bundle, adjust_bundle
+from omnisight.sfm.incidence import grouped
 from omnisight.sfm.structure import RayObservations, Structure
 from omnisight.twoview.triangulation import whitening
 from omnisight.visual_odometry.keyframe_history import KeyframeHistory
@@ -64,7 +65,28 @@ def _adjusted(bundle: Bundle) -> Bundle:
     """Return the problem without outliers, with the adjusted structure as its start."""
     squares = bundle.start.squared_residuals(bundle.rays)
     bundle = replace(bundle, loss=StudentT(DEGREES, max(robust_sigma(np.sqrt(squares)), MIN_SIGMA)))
-    return _without_outliers(replace(bundle, start=adjust_bundle(bundle, tolerance=TOLERANCE).state))
+    poses, points = bundle.start.rig_from_world.copy(), bundle.start.points.copy()
+    for frames, of_part, part in _connected_parts(bundle):
+        adjusted = adjust_bundle(part, tolerance=TOLERANCE).state
+        poses[frames], points[of_part] = adjusted.rig_from_world, adjusted.points
+    return _without_outliers(replace(bundle, start=replace(bundle.start, rig_from_world=poses, points=points)))
+
+
+def _connected_parts(bundle: Bundle) -> Iterator[tuple[Indices, Indices, Bundle]]:
+    """Yield frames, points and problem of each part whose frames are connected by points.
+
+    The rays do not determine place, orientation and scale of a part in the world: each keeps its own.
+    """
+    rays, start, count = bundle.rays, bundle.start, len(bundle.start.rig_from_world)
+    links = coo_array((np.ones(len(rays)), (rays.frame, count + rays.point)), shape=(count + len(start.points),) * 2)
+    label = connected_components(links, directed=False)[1]
+    for _, of_part in grouped(label[rays.frame]):
+        frames, frame = np.unique(rays.frame[of_part], return_inverse=True)
+        points, point = np.unique(rays.point[of_part], return_inverse=True)
+        if len(frames) > 1:
+            observed = replace(rays[of_part], frame=frame, point=point)
+            known = replace(start, rig_from_world=start.rig_from_world[frames], points=start.points[points])
+            yield frames, points, replace(bundle, rays=observed, start=known)
 
 
 def _selected(count: int, places: Sequence[int]) -> Indices:
