@@ -32,7 +32,7 @@ def write_bag(path, topics):
     recorded = RECORDED_NS
     with Writer1(path) if is_ros1 else Writer2(path, version=9) as writer:
         for topic, messages in topics.items():
-            kind = messages[0][0]
+            kind = messages[0][0] if messages else IMAGE
             connection = writer.add_connection(topic, kind, typestore=store)
             for number, (_, seconds, fields) in enumerate(messages):
                 nanoseconds = round(seconds * 1e9)

@@ -29,15 +29,18 @@ def test_a_bag_has_the_trajectory_of_the_folder(run, room, tmp_path, name):
     files = sorted((room / "images").iterdir())
     messages = [raw(om.read_image(file), "rgb8", FIRST_S + k / 10) for k, file in enumerate(files)]
     jpegs = [compressed(file.read_bytes(), FIRST_S + k / 10) for k, file in enumerate(files)]
-    bag = write_bag(tmp_path / name, {"/cam0/image_raw": messages, "/cam1/image_raw/compressed": jpegs})
+    gray = [raw(om.images.to_gray8(om.read_image(file)), "mono8", FIRST_S + k / 10) for k, file in enumerate(files)]
+    topics = {"/cam0/image_raw": messages, "/cam1/image_raw/compressed": jpegs, "/cam2/image_mono": gray}
+    bag = write_bag(tmp_path / name, topics)
     camera = ("--camera", room / "camera.json")
     assert run("odometry", room / "images", *camera, "-o", "folder.tum")[0] == 0
     status, out, err = run("odometry", bag, *camera, "-o", "raw.tum", "--topic", "/cam0/image_raw")
     assert (status, err) == (0, "")
     assert f"{FRAMES} of {FRAMES} have a pose" in out
     assert run("odometry", bag, *camera, "-o", "jpeg.tum", "--topic", "/cam1/image_raw/compressed")[0] == 0
+    assert run("odometry", bag, *camera, "-o", "gray.tum", "--topic", "/cam2/image_mono")[0] == 0
     expected = table("folder.tum")
-    for found in (table("raw.tum"), table("jpeg.tum")):
+    for found in (table("raw.tum"), table("jpeg.tum"), table("gray.tum")):
         assert np.allclose(found[:, 0], FIRST_S + expected[:, 0], atol=2e-6, rtol=0)
         assert np.allclose(found[:, 1:], expected[:, 1:], atol=1e-6)
 

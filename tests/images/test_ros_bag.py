@@ -69,6 +69,13 @@ def test_a_topic_must_be_one_of_those_with_images(tmp_path):
     assert ImageBag.open(bag, "/left").size == (10, 12)
 
 
+def test_a_topic_without_messages_is_no_choice(tmp_path):
+    bag = write_bag(tmp_path / "two", {"/left": [raw(RGB, "rgb8", 1.0)], "/right": []})
+    assert ImageBag.open(bag).topic == "/left"
+    with pytest.raises(UnreadableImage, match="/right has no messages"):
+        ImageBag.open(bag, "/right")
+
+
 def test_images_that_cannot_be_used_have_reasons(tmp_path):
     image = raw(RGB, "rgb8", 1.0)
     short = (image[0], 2.0, (*image[2][:-1], image[2][-1][:100]))
@@ -87,7 +94,7 @@ def test_damaged_bags_are_refused_with_a_reason(tmp_path):
     for size in (0, 13, 200, bag.stat().st_size - 40):
         damaged = tmp_path / "damaged.bag"
         damaged.write_bytes(bag.read_bytes()[:size])
-        with pytest.raises(UnreadableImage, match=r"damaged.bag: "):
+        with pytest.raises(UnreadableImage, match=r"damaged.bag: .*repair it \(rosbag reindex"):
             ImageBag.open(damaged)
     folder = write_bag(tmp_path / "b", {"/cam": [raw(RGB, "rgb8", 1.0)]})
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [")

@@ -128,6 +128,23 @@ def test_a_mask_without_a_usable_pixel_is_refused(fisheye):
         om.Odometry(fisheye.camera, masks=[outside]).add(fisheye.images[0], 0.0)
 
 
+def test_masks_of_another_size_are_refused(fisheye):
+    with pytest.raises(ValueError, match="the mask of camera is 100x100 px, but its camera 400x300"):
+        om.Odometry(fisheye.camera, masks=[np.ones((100, 100), np.bool_)])
+
+
+def test_gray_images_in_memory_that_cannot_be_written_are_tracked(fisheye, run):
+    read_only = [om.images.to_gray8(image) for image in fisheye.images[:12]]
+    for image in read_only:
+        image.flags.writeable = False
+    expected = run(fisheye, fisheye.images[:12]).trajectory
+    found = run(fisheye, read_only).trajectory
+    assert len(found) == len(expected) == 12
+    assert all(
+        np.array_equal(a.rig_from_world.matrix, b.rig_from_world.matrix) for a, b in zip(found, expected, strict=True)
+    )
+
+
 def test_wrong_images_and_times_are_refused(fisheye):
     tracking = om.Odometry(fisheye.camera)
     with pytest.raises(ValueError, match="the image of camera is 100x100 px, but its camera 400x300"):
@@ -137,6 +154,13 @@ def test_wrong_images_and_times_are_refused(fisheye):
         tracking.add(fisheye.images[1], 1.0)
     with pytest.raises(ValueError, match="2 images for 1 cameras"):
         tracking.add([fisheye.images[1]] * 2, 2.0)
+    with pytest.raises(ValueError, match=r"NoneType, not an array .* count a frame without images \(skip\)"):
+        tracking.add(None, 2.0)  # what OpenCV returns for a frame that a camera does not deliver
+    with pytest.raises(ValueError, match="the time of frame 1 is inf s"):
+        tracking.add(fisheye.images[1], np.inf)
+    with pytest.raises(ValueError, match="the time of frame 0 is nan s"):
+        om.Odometry(fisheye.camera).add(fisheye.images[0], np.nan)
+    assert tracking.add(fisheye.images[1], 1.1).frame == 1
     with pytest.raises(ValueError, match="--window must be at least 3"):
         om.MotionOptions(window=1)
 

@@ -22,7 +22,7 @@ def to_gray8(image: NDArray[Any]) -> NDArray[np.uint8]:
 
     Returns
     -------
-    (H, W) array of uint8
+    (H, W) array of uint8, which is writable: compiled loops are not compiled for read-only arrays
 
     Raises
     ------
@@ -36,7 +36,7 @@ def to_gray8(image: NDArray[Any]) -> NDArray[np.uint8]:
     opaque = image[:, :, 3] > 0 if image.ndim == 3 and image.shape[2] == 4 else None
     gray = image if image.ndim == 2 else _luma(image[:, :, :3])
     gray = gray if gray.dtype == np.uint8 else _stretch(gray, opaque)
-    return gray if opaque is None else np.where(opaque, gray, np.uint8(0))
+    return np.require(gray, requirements="W") if opaque is None else np.where(opaque, gray, np.uint8(0))
 
 
 def _luma(rgb: NDArray[Any]) -> NDArray[Any]:

@@ -15,6 +15,8 @@ from omnisight.images.timed_image import TimedImage
 
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 METADATA_FILE = "metadata.yaml"
+# What to do about a bag whose copy or recording was interrupted.
+REPAIR = "copy it again, or repair it (rosbag reindex, ros2 bag reindex, mcap recover)"
 
 
 def is_bag(path: Path, topic: str | None = None) -> bool:
@@ -114,11 +116,12 @@ def _choose(path: Path, counts: dict[str, int], topic: str | None) -> str:
     topics = ", ".join(f"{name} ({count} images)" for name, count in sorted(counts.items()))
     if not counts:
         raise ValueError(f"{path}: has no topic of sensor_msgs/Image or sensor_msgs/CompressedImage")
-    if topic is None and len(counts) > 1:
+    used = [name for name, count in counts.items() if count] or list(counts)
+    if topic is None and len(used) > 1:
         raise ValueError(f"{path}: has several image topics: {topics}; specify one (--topic)")
     if topic is not None and topic not in counts:
         raise ValueError(f"{path}: has no image topic {topic}; it has {topics}")
-    return next(iter(counts)) if topic is None else topic
+    return used[0] if topic is None else topic
 
 
 def _decode(reader: Any, kind: str, recorded: int, data: bytes, label: str) -> TimedImage:
@@ -150,13 +153,13 @@ def _reader(path: Path) -> Generator[Any]:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
         reader.open()
     except Exception as error:  # damaged files raise errors of many kinds
-        raise UnreadableImage(f"{path}: cannot be read as a ROS bag: {_first_line(error)}") from None
+        raise UnreadableImage(f"{path}: cannot be read as a ROS bag: {_first_line(error)}; {REPAIR}") from None
     try:
         yield reader
     except (UnreadableImage, GeneratorExit):
         raise
     except Exception as error:
-        raise UnreadableImage(f"{path}: damaged ROS bag: {_first_line(error)}") from None
+        raise UnreadableImage(f"{path}: damaged ROS bag: {_first_line(error)}; {REPAIR}") from None
     finally:
         reader.close()
 

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
-from omnisight.images import to_gray8
 from omnisight.optim.ransac import RansacOptions
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_rig, has_baseline
 from omnisight.visual_odometry.descriptor_rotation import rotation_by_descriptors
-from omnisight.visual_odometry.frame import Frame, check_images, usable_regions
+from omnisight.visual_odometry.frame import Frame, check_sizes, check_time, gray_images, usable_regions
 from omnisight.visual_odometry.frame_locator import FrameLocator
 from omnisight.visual_odometry.frame_result import FrameResult, LostSegment, TrackedPose
 from omnisight.visual_odometry.gyro_prediction import GyroPrediction
@@ -88,6 +87,8 @@ class Odometry:
     ) -> None:
         """Prepare for images, with masks (H, W) of usable pixels; a gyroscope of any orientation predicts turns."""
         self.rig = central_rig(camera)
+        if masks is not None:
+            check_sizes(self.rig, masks, "mask")
         self.trajectory: list[TrackedPose] = []
         self.lost: list[LostSegment] = []
         self.keyframes = self._frames = 0
@@ -127,7 +128,8 @@ class Odometry:
         Raises
         ------
         ValueError
-            If the number or the size of the images differs from the cameras, or the time does not increase.
+            If the number or the size of the images differs from the cameras, one is no array, or the time does not
+            increase. The frame does not count then.
         """
         frame, tracker = self._track(image, seconds)
         if self._window is None:
@@ -185,11 +187,9 @@ class Odometry:
 
     def _track(self, image: Image | Sequence[Image], seconds: float) -> tuple[Frame, Tracker]:
         """Track the patches in the next frame."""
-        given = [image] if isinstance(image, np.ndarray) else image
-        images = tuple(to_gray8(one) for one in given)
-        check_images(self.rig, images)
-        if self.tracker is not None and not seconds > self._motion.seconds:
-            raise ValueError(f"the time of frame {self._frames} is {seconds:g} s, not after {self._motion.seconds:g} s")
+        images = gray_images(image)
+        check_sizes(self.rig, images, "image")
+        check_time(self._frames, seconds, None if self.tracker is None else self._motion.seconds)
         if self.tracker is None:
             self._masks = usable_regions(self.rig, images, self._masks)
             self.tracker = Tracker(self.rig, self._masks, self._options.patches)

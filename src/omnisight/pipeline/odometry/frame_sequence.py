@@ -230,7 +230,7 @@ def _times(
         k = int(np.argmin(steps > 0))
         name = next(path.name for path in frames[k + 1] if path is not None)
         raise ValueError(
-            f"{table}: the time of {name}, {times[k + 1]:g} s, is not after {times[k]:g} s of the one before"
+            f"{table}: the time of {name}, {times[k + 1]:.15g} s, is not after {times[k]:.15g} s of the one before"
         )
     return tuple(times), table
 
