@@ -23,6 +23,17 @@ def test_times_are_those_of_a_list_of_the_tum_data_sets(tmp_path, cameras):
     assert FrameSequence.open(tmp_path, cameras, om.OdometryOptions()).times == (0, 0.1, 0.2)
 
 
+def test_the_name_of_a_camera_chooses_its_images_of_the_data_set_of_a_rig(tmp_path):
+    for camera in ("front", "back"):
+        for folder in (".", "images", "depth"):
+            (tmp_path / camera / folder).mkdir(parents=True, exist_ok=True)
+            om.write_image(tmp_path / camera / folder / "0.png", np.zeros((20, 40), np.uint8))
+    sequence = FrameSequence.open(tmp_path, (), om.OdometryOptions(name="front"))
+    assert sequence.paths == [tmp_path / "front" / "images" / "0.png"]
+    sequence = FrameSequence.open(tmp_path, (), om.OdometryOptions(name="a camera without a folder"))
+    assert sequence.paths == [tmp_path / name / "images" / "0.png" for name in ("back", "front")]
+
+
 def test_times_belong_to_the_names_of_symbolic_links(tmp_path):
     (tmp_path / "links").mkdir()
     for k in range(3):

@@ -67,6 +67,20 @@ def test_a_rig_in_one_point_has_no_scale(room):
     assert not result.has_scale
 
 
+def test_cameras_that_are_taken_to_be_in_one_point_are_reported(room, tmp_path):
+    """Each lens shows one half of the room only, so that no point is seen by two."""
+    folder, rig = room
+    for name in rig.names:
+        mask = np.hypot(*(np.indices((320, 320)) - 159.5)) < 130
+        om.write_image(tmp_path / f"{name}.png", np.where(mask, 255, 0).astype(np.uint8))
+    result = om.odometry(folder, rig=rig, options=om.OdometryOptions(mask=tmp_path))
+    assert result
+    assert not result.has_scale
+    assert result.neglected_baseline == pytest.approx(0.1)
+    (text,) = result.warnings
+    assert "the cameras of the rig, up to 0.1 units of its file apart, were taken to be in one point" in text
+
+
 def test_masks_of_a_rig_are_those_of_some_cameras_or_one_of_all(room, tmp_path):
     folder, rig = room
     first, last = rig.names

@@ -22,10 +22,15 @@ def at_one_point(rig: Rig) -> Rig:
     return replace(rig, sensor_from_rig=tuple(Pose(pose.rotation) for pose in rig.sensor_from_rig))
 
 
+def largest_baseline(rig: Rig) -> float:
+    """Return the largest distance between two cameras of a rig, in its unit."""
+    centers = np.array([pose.inverse().translation for pose in rig.sensor_from_rig])
+    return float(np.linalg.norm(centers[:, None] - centers, axis=-1).max())
+
+
 def has_baseline(rig: Rig) -> bool:
     """Return whether the cameras of a rig are apart."""
-    centers = [pose.inverse().translation for pose in rig.sensor_from_rig]
-    return bool(np.ptp(centers, axis=0).any())
+    return largest_baseline(rig) > 0
 
 
 def _central(camera: Camera | RayCamera) -> Camera:

@@ -97,13 +97,17 @@ def assign_images(paths: list[Path], names: list[str], cameras: Sequence[str], *
 
 
 def image_folders(item: Path, cameras: Sequence[str] = ()) -> list[Path]:
-    """Return an input; for a data set its folders of images; for a folder of no images its sub-folders with images."""
+    """Return an input; for a data set its folders of images; for a folder of no images its sub-folders."""
     of_cameras = [item / name / IMAGES for name in cameras]
     if of_cameras and all(folder.is_dir() for folder in of_cameras):
         return of_cameras
-    if all((item / name).is_dir() for name in (IMAGES, DEPTH)):
-        return [item / IMAGES]
-    return folders_with_images(item) or [item]
+    folders = [item] if _is_data_set(item) else folders_with_images(item) or [item]
+    return [folder / IMAGES if _is_data_set(folder) else folder for folder in folders]
+
+
+def _is_data_set(folder: Path) -> bool:
+    """Return whether a folder is the data set of a camera, whose other images are no images of the scene."""
+    return all((folder / name).is_dir() for name in (IMAGES, DEPTH))
 
 
 def camera_of(path: Path, cameras: Sequence[str]) -> int:

@@ -126,6 +126,8 @@ class FrameSequence:
             if fps is not None:
                 raise ValueError(f"{source}: a clip has its own times: leave out --fps")
             return cls((), (), str(source), Clip.open(source, upright=options.apply_exif))
+        of_camera = source / (options.name or "")
+        source = of_camera if of_camera.is_dir() else source
         found = image_set(source, cameras, is_rig=bool(cameras))
         count = int(found.frame.max()) + 1
         files: list[list[Path | None]] = [[None] * max(len(cameras), 1) for _ in range(count)]

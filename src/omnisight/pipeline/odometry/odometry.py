@@ -25,6 +25,7 @@ from omnisight.pipeline.odometry.odometry_scale import ScaledTrajectory, ScaleSo
 from omnisight.pipeline.odometry.trajectory_writer import TrajectoryWriter
 from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
+from omnisight.visual_odometry.central_rig import central_rig, has_baseline, largest_baseline
 from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.segments import trajectory_segments
@@ -138,7 +139,9 @@ def _run(
     scaled = _in_metres(tracking, closed, known)
     if (options.loops or scaled.scale) and scaled.poses:
         file.replace(scaled.poses, speed.frames)
-    return OdometryResult.of(tracking, closed, scaled, sequence, speed)
+    result = OdometryResult.of(tracking, closed, scaled, sequence, speed)
+    is_known = tracking.has_scale or has_baseline(tracking.rig)
+    return replace(result, neglected_baseline=0.0 if is_known else largest_baseline(central_rig(body)))
 
 
 def _track(

@@ -63,6 +63,9 @@ class OdometryResult(Displayed):
         Scales that contradict each other, segments whose scale is extrapolated, and a clip that ends early.
     dropped
         Number of frames of a connected camera that arrived while an earlier one was processed; None for files.
+    neglected_baseline
+        Largest distance between the cameras of a rig, in its unit, if they were taken to be in one point because the
+        first keyframes did not determine the scale; otherwise 0.
     """
 
     trajectory: tuple[TrackedPose, ...] = field(repr=False)
@@ -79,6 +82,7 @@ class OdometryResult(Displayed):
     scale: ScaleEstimate | None = None
     other_warnings: tuple[str, ...] = ()
     dropped: int | None = None
+    neglected_baseline: float = 0.0
 
     @classmethod
     def of(
@@ -131,12 +135,20 @@ class OdometryResult(Displayed):
     def warnings(self) -> tuple[str, ...]:
         """Warnings that measurements contradict each other, or the images the camera."""
         unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
-        if not self.residual > MAX_RESIDUAL:
+        residual = f"the directions of points differ by {self.residual:.1f} times the noise of tracked patches"
+        if self.neglected_baseline:
+            text = (
+                f"the cameras of the rig, up to {self.neglected_baseline:.3g} units of its file apart, were taken to be in one"
+                " point, because too few points of the first keyframes were found in two of them: near points make the"
+                f" poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
+            )
+        elif self.residual > MAX_RESIDUAL:
+            text = (
+                f"the images contradict the camera: {residual}. Check that the calibration file is that of this camera,"
+                " zoom and resolution"
+            )
+        else:
             return *unknown, *self.other_warnings
-        text = (
-            f"the images contradict the camera: the directions of points differ by {self.residual:.1f} times the noise"
-            " of tracked patches. Check that the calibration file is that of this camera, zoom and resolution"
-        )
         return text, *unknown, *self.other_warnings
 
     @property

@@ -20,7 +20,8 @@ class SequenceOptions(Options):
     topic
         Image topic of a ROS bag, such as /cam0/image_raw; it may be left out if only one topic has images.
     name
-        Name of the camera in a file of several, such as a rig.
+        Name of the camera in a file of several, such as a rig. If the folder has a folder of this name, its images are
+        read.
     scale_camera
         Scale the camera to the size of the images, if they were resized.
     apply_exif
