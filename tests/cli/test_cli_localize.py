@@ -69,6 +69,24 @@ def test_descriptors_are_those_of_keypoints_that_the_reconstruction_kept(known, 
     assert (visual_map.descriptors[rows] == keypoints.descriptors[observations.keypoint[rows]]).all()
 
 
+def test_an_image_of_another_size_is_left_out_with_the_reason(run, known, tmp_path):
+    (tmp_path / "phone").mkdir()
+    om.write_image(tmp_path / "phone" / "upright.png", np.zeros((480, 360), np.uint8))
+    options = "--map", known / "map", "--camera", known / "phone.json"
+    status, _, err = run("localize", tmp_path / "phone", *options)
+    assert status == 2
+    assert "upright.png: the image is 360x480, the camera 480x360" in err
+    image = om.read_image(known / "phone" / "0.png")
+    om.write_image(tmp_path / "phone" / "0.png", image)
+    found = om.localize(tmp_path / "phone", known / "map", known / "phone.json")
+    assert found["0.png"]
+    assert found["upright.png"].reason.startswith("the image is 360x480, the camera 480x360")
+    status, out, err = run("localize", tmp_path / "phone", *options)
+    assert status == 0
+    assert "localized 1 of 2 images" in out
+    assert "1 of 2 images cannot be used and are left out, the first is upright.png: the image is 360x480" in err
+
+
 def test_images_of_another_camera_are_localized_within_their_uncertainty(run, known):
     poses = known / "poses.csv"
     arguments = known / "phone", "--map", known / "map", "--camera", known / "phone.json", "-o", poses, "--json"

@@ -54,7 +54,7 @@ def test_an_unreadable_image_is_left_out_of_a_reconstruction(run, images, worker
     assert sorted(reasons) == ["+.png", "b.png"]
     assert all(re.match(r"(truncated|damaged) PNG", why) for why in reasons.values())
     assert (
-        f"omnisight: warning: 2 of 5 images cannot be read and are left out, the first is +.png: {reasons['+.png']}"
+        f"omnisight: warning: 2 of 5 images cannot be used and are left out, the first is +.png: {reasons['+.png']}"
         in err
     )
     assert found["registered"] == 3
@@ -82,14 +82,14 @@ def test_an_unreadable_image_is_left_out_of_a_map_and_reported_by_localize(run, 
     truncate(images / "0.png")
     status, _, err = run("map", images, "-o", tmp_path / "map")
     assert status == 0, err
-    assert "2 of 5 images cannot be read" in err
+    assert "2 of 5 images cannot be used" in err
     localize = "localize", images, "--map", tmp_path / "map", "-o", tmp_path / "poses.csv"
     status, out, err = run(*localize, "--json")
     assert status == 0, err
     found = {image["name"]: image for image in json.loads(out)["images"]}
     assert [name for name, image in found.items() if image["localized"]] == ["0.png", "1.png", "2.png"]
     assert re.match(r"(truncated|damaged) PNG", found["b.png"]["reason"])
-    assert "omnisight: warning: 2 of 5 images cannot be read and are left out, the first is +.png: " in err
+    assert "omnisight: warning: 2 of 5 images cannot be used and are left out, the first is +.png: " in err
     assert [line.split(",")[0] for line in (tmp_path / "poses.csv").read_text().splitlines()[1:]] == [
         "0.png",
         "1.png",

@@ -73,7 +73,7 @@ def print_json(found: LocalizationResult, known: VisualMap) -> None:
 
 def print_warnings(found: LocalizationResult) -> None:
     """Print warnings on stderr."""
-    unreadable = {name: image.reason for name, image in found.items() if not image.is_readable}
+    unreadable = {name: image.reason for name, image in found.items() if not image.is_usable}
     for warning in unreadable_warnings(unreadable, len(found)):
         warn(warning)
     if (change := found.focal_length_change) and change.is_suspicious:

@@ -86,9 +86,9 @@ def readable_images(paths: Iterable[Path], *, apply_exif: bool = False) -> Gener
 
 
 def unreadable_warnings(reasons: Mapping[str, str], images: int) -> tuple[str, ...]:
-    """Return the warning that some of a number of images cannot be read, from their names and reasons."""
+    """Return the warning that some of a number of images cannot be used, from their names and reasons."""
     for name, reason in reasons.items():
-        return (f"{len(reasons)} of {images} images cannot be read and are left out, the first is {name}: {reason}",)
+        return (f"{len(reasons)} of {images} images cannot be used and are left out, the first is {name}: {reason}",)
     return ()
 
 

@@ -43,8 +43,8 @@ class LocalizedImage(Displayed):
         The most similar image of the map; empty if there is none.
     reason
         Why the pose is unknown; empty otherwise.
-    is_readable
-        Whether the image can be read.
+    is_usable
+        Whether the image can be read and has the size of the camera.
     matched_points, is_inlier
         The matches of a known pose, and (N,) which of them agree with it.
     """
@@ -55,16 +55,16 @@ class LocalizedImage(Displayed):
     inliers: int
     nearest: str
     reason: str = ""
-    is_readable: bool = True
+    is_usable: bool = True
     matched_points: MatchedPoints | None = field(default=None, repr=False)
     is_inlier: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_), repr=False)
 
     @classmethod
     def without_pose(
-        cls, reason: str, matches: int = 0, inliers: int = 0, nearest: str = "", *, is_readable: bool = True
+        cls, reason: str, matches: int = 0, inliers: int = 0, nearest: str = "", *, is_usable: bool = True
     ) -> Self:
         """Return the result of an image whose pose is unknown."""
-        return cls(None, np.full((6, 6), np.nan), matches, inliers, nearest, reason, is_readable)
+        return cls(None, np.full((6, 6), np.nan), matches, inliers, nearest, reason, is_usable)
 
     def __bool__(self) -> bool:
         """Return whether the pose is known."""

@@ -78,7 +78,7 @@ def read_map(folder: str | PathLike[str]) -> VisualMap:
     try:
         stored: NDArray[np.uint8] = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
-        raise ValueError(f"{path}: damaged: {error}") from error
+        raise ValueError(f"{path}: damaged: make the map anew ({error})") from error
     count = len(model.observations)
     if stored.dtype != np.uint8 or stored.ndim != 2 or len(stored) != count or stored.shape[1] > MAX_DESCRIPTOR_LENGTH:
         raise ValueError(f"{path}: {stored.dtype} {stored.shape}, expected uint8 ({count}, D): make the map anew")

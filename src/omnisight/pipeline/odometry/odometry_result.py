@@ -138,9 +138,9 @@ class OdometryResult(Displayed):
         residual = f"the directions of points differ by {self.residual:.1f} times the noise of tracked patches"
         if self.neglected_baseline:
             text = (
-                f"the cameras of the rig, up to {self.neglected_baseline:.3g} units of its file apart, were taken to be in one"
-                " point, because too few points of the first keyframes were found in two of them: near points make the"
-                f" poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
+                f"the cameras of the rig, up to {self.neglected_baseline:.3g} units of its file apart, were taken to be"
+                " in one point, because too few points of the first keyframes were found in two of them: near points make"
+                f" the poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
             )
         elif self.residual > MAX_RESIDUAL:
             text = (
