@@ -74,6 +74,7 @@ def test_wrong_input_is_refused(run, refuses, tmp_path, still):
 def test_a_mask_does_not_replace_an_image(refuses, still):
     before = (still / "1.png").read_bytes()
     assert "is one of the inputs" in refuses("doctor", still, "--write-mask", still / "1.png")
+    assert "contains the images" in refuses("doctor", still, "--write-mask", still / "mask.png")
     assert (still / "1.png").read_bytes() == before
 
 

@@ -39,11 +39,15 @@ def doctor(
     """
     from omnisight.cli._files import must_be_writable_image, refuse_inputs
     from omnisight.cli._progress import progress
+    from omnisight.images.output_paths import check_output_folder
+    from omnisight.pipeline.inputs.image_set import image_folders
     from omnisight.pipeline.odometry.doctor import doctor as run
 
     if write_mask is not None:
         must_be_writable_image(write_mask)
         refuse_inputs(write_mask, images, camera, options.mask)
+        if images is not None and images.is_dir():
+            check_output_folder(write_mask.parent, image_folders(images))
     with progress() as report:
         diagnosis = run(images, camera, options, report)
     written = write_mask if write_mask is not None and _write_mask(write_mask, diagnosis) else None

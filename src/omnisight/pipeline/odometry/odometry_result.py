@@ -139,8 +139,8 @@ class OdometryResult(Displayed):
         if self.neglected_baseline:
             text = (
                 f"the cameras of the rig, up to {self.neglected_baseline:.3g} units of its file apart, were taken to be"
-                " in one point, because too few points of the first keyframes were found in two of them: near points make"
-                f" the poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
+                " in one point, because too few points of the first keyframes were found in two of them: near points"
+                f" make the poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
             )
         elif self.residual > MAX_RESIDUAL:
             text = (
