@@ -137,10 +137,11 @@ class OdometryResult(Displayed):
         unknown = (self.scale.reason,) if self.scale is not None and not self.scale and self else ()
         residual = f"the directions of points differ by {self.residual:.1f} times the noise of tracked patches"
         if self.neglected_baseline:
+            measured = "" if np.isnan(self.residual) else f" ({residual})"
             text = (
                 f"the cameras of the rig, up to {self.neglected_baseline:.3g} units of its file apart, were taken to be"
                 " in one point, because too few points of the first keyframes were found in two of them: near points"
-                f" make the poses inaccurate ({residual}). Track one of the cameras (--camera rig.json --name)"
+                f" make the poses inaccurate{measured}. Track one of the cameras (--camera rig.json --name)"
             )
         elif self.residual > MAX_RESIDUAL:
             text = (
