@@ -115,6 +115,18 @@ def test_boards_at_rest_connect_cameras_without_a_common_view(known):
 
 
 @pytest.mark.slow
+def test_parallel_prints_of_a_board_at_opposite_walls_are_no_mirror_images(known):
+    rng, camera, back = np.random.default_rng(4), rig_scene("chain", 4).rig.cameras[0], om.look(180.0)
+    rig = om.Rig.from_sensors({"front": (camera, om.Pose()), "back": (camera, om.Pose(back, [0.0, 0.0, -0.16]))})
+    poses = [om.Pose(so3.exp(rng.normal(0, 0.25, 3)), rng.normal(0, 0.04, 3)) for _ in range(16)]
+    walls = {"front": om.Pose(np.eye(3), [0, 0, 0.35] - MIDDLE), "back": om.Pose(back, [0, 0, -0.35] - back @ MIDDLE)}
+    prints = {
+        name: observe(rig.subset([name]), {"board": [p @ wall for p in poses]})[name]["board"]
+        for name, wall in walls.items()
+    }
+    assert_within_uncertainty(om.calibrate_rig(prints, known(rig)), rig)
+
+
 def test_cameras_are_calibrated_from_several_boards():
     rig = back_to_back()
     calibration = om.calibrate_rig(in_room(rig, 20, np.random.default_rng(1)), FISHEYE)

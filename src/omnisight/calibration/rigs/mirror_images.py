@@ -13,8 +13,10 @@ Array = NDArray[np.float64]
 
 # The relative rotation of two images is free: with two others that agree, the third is evidence.
 MIN_COMMON_GROUPS = 4
-# Median angle (radians) between the relative rotations in all images up to which they are constant. The pose of one
-# board is known to about a degree; without a relation, rotations of boards differ by tens of degrees.
+# Median angle (radians) between the relative rotations in all images up to which they are constant, and median distance
+# of the relative positions, relative to that of the board. The pose of one board is known to about a degree; without a
+# relation, rotations of boards differ by tens of degrees. Rotations alone do not show mirror images: those of a second
+# board, parallel to the first at the opposite wall, are the same.
 MAX_SCATTER_RAD = np.radians(3.0)
 # A mirror image of a camera.
 FLIP = np.diag([-1.0, 1.0, 1.0])
@@ -42,7 +44,7 @@ class MirroredPair:
 
 
 def find_mirrored_pairs(sightings: Sequence[Sightings]) -> list[MirroredPair]:
-    """Return the pairs of cameras whose relative rotation is constant only if the images of one are mirrored."""
+    """Return the pairs of cameras whose relative pose is constant only if the images of one are mirrored."""
     found = list[MirroredPair]()
     for i, a in enumerate(sightings):
         for j in range(i + 1, len(sightings)):
@@ -50,14 +52,14 @@ def find_mirrored_pairs(sightings: Sequence[Sightings]) -> list[MirroredPair]:
             groups, at_a, at_b = np.intersect1d(a.group, b.group, return_indices=True)
             if len(groups) < MIN_COMMON_GROUPS:
                 continue
-            first, second = a.at(at_a).cam_from_group, b.at(at_b).cam_from_group
-            back = np.swapaxes(first.rotation, 1, 2)
-            if _scatter(second.rotation @ back) <= MAX_SCATTER_RAD:
+            first, second = a.at(at_a), b.at(at_b)
+            if _is_rigid(first, second, np.eye(3), np.eye(3)):
                 continue
-            if _scatter(FLIP @ second.rotation @ FROM_BEHIND @ back) <= MAX_SCATTER_RAD:
-                behind = np.einsum("vi,vi->v", second.rotation[:, :, 2], second.translation)
+            if _is_rigid(first, second, FLIP, FROM_BEHIND):
+                pose = second.cam_from_group
+                behind = np.einsum("vi,vi->v", pose.rotation[:, :, 2], pose.translation)
                 found.append(MirroredPair(i, j, j if np.median(behind) < 0 else i))
-            elif min(_scatter(FLIP @ second.rotation @ turn @ back) for turn in RENUMBERED) <= MAX_SCATTER_RAD:
+            elif any(_is_rigid(first, second, FLIP, turn) for turn in RENUMBERED):
                 found.append(MirroredPair(i, j, None))
     return found
 
@@ -70,8 +72,13 @@ def mirrored_cameras(pairs: Sequence[MirroredPair]) -> tuple[int, ...]:
     return tuple(sorted(known or common or {camera for pair in open_pairs for camera in pair}))
 
 
-def _scatter(rotations: Array) -> float:
-    """Return the median angle (radians) of rotations (N, 3, 3) from the one that is nearest to most."""
+def _is_rigid(a: Sightings, b: Sightings, flip: Array, turn: Array) -> bool:
+    """Return whether the pose of b relative to a is constant, if `flip` undoes its images and `turn` its boards."""
+    rotations = flip @ b.cam_from_group.rotation @ turn @ np.swapaxes(a.cam_from_group.rotation, 1, 2)
     between = np.einsum("aij,bkj->abik", rotations, rotations)
-    angles = np.linalg.norm(so3.log(between.reshape(-1, 3, 3)), axis=1).reshape(len(rotations), -1)
-    return float(np.median(angles, axis=1).min())
+    angles = np.linalg.norm(so3.log(between.reshape(-1, 3, 3)), axis=1).reshape(between.shape[:2])
+    middle_a, middle_b = (side.cam_from_group.transformed(side.middle[:, None])[:, 0] for side in (a, b))
+    positions = middle_b @ flip.T - np.einsum("vij,vj->vi", rotations, middle_a)
+    distances = np.linalg.norm(positions[:, None] - positions, axis=2)
+    reach = MAX_SCATTER_RAD * np.median(np.linalg.norm(middle_a, axis=1))
+    return bool(np.median(angles, axis=1).min() <= MAX_SCATTER_RAD and np.median(distances, axis=1).min() <= reach)

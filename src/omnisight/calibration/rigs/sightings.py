@@ -1,7 +1,7 @@
 """What each camera of a rig sees of each group: its pose, from the board with most corners, and a few corners."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -36,6 +36,8 @@ class Sightings:
         S poses.
     points, pixels
         (S, K, 3) corners in the frame of the group, and (S, K, 2) where they were observed.
+    middle
+        (S, 3) middle of the board in the frame of its group.
     half_turns
         S half turns of the board in the frame of its group, which look the same; the identity for other boards.
     is_symmetric
@@ -48,6 +50,7 @@ class Sightings:
     cam_from_group: Poses
     points: Array
     pixels: Array
+    middle: Array
     half_turns: Poses
     is_symmetric: bool
 
@@ -84,7 +87,8 @@ class Sightings:
                 best[group] = max(best.get(group, (-1, -1, -1)), (rows.stop - rows.start, -k, -view))
         groups = sorted(best)
         views = [(-best[g][1], -best[g][2]) for g in groups]
-        poses, points, pixels, turns = list[Pose](), list[Array](), list[Array](), list[Pose]()
+        poses, turns = list[Pose](), list[Pose]()
+        points, pixels, middles = list[Array](), list[Array](), list[Array]()
         for k, view in views:
             part = observations.parts[k]
             own, board = part.observations, group_from_board.one(part.board)
@@ -93,6 +97,7 @@ class Sightings:
             poses.append(Pose(states[k].rotations[view], states[k].translations[view]) @ board.inverse())
             points.append(board @ own.points[chosen])
             pixels.append(own.pixels[chosen])
+            middles.append(board @ board_middle(own))
             turns.append(board @ half_turn(own) @ board.inverse() if symmetric[part.board] else Pose())
         first = observations.parts_of(camera)[0]
         return cls(
@@ -102,6 +107,7 @@ class Sightings:
             Poses.of(*poses),
             np.array(points),
             np.array(pixels),
+            np.array(middles),
             Poses.of(*turns),
             any(symmetric[observations.parts[k].board] for k, _ in views),
         )
@@ -115,6 +121,7 @@ class Sightings:
             self.cam_from_group[index],
             self.points[index],
             self.pixels[index],
+            self.middle[index],
             self.half_turns[index],
             self.is_symmetric,
         )
@@ -123,9 +130,7 @@ class Sightings:
         """Return the groups with the boards of some (S,) numbered from the opposite corner."""
         poses = (self.cam_from_group @ self.half_turns).where(which, self.cam_from_group)
         points = np.where(which[:, None, None], self.half_turns.transformed(self.points), self.points)
-        return type(self)(
-            self.model, self.size, self.group, poses, points, self.pixels, self.half_turns, self.is_symmetric
-        )
+        return replace(self, cam_from_group=poses, points=points)
 
     def distances(self, cam_from_group: Poses) -> Array:
         """Return the median distance (S,), px, of the corners from their pixels; inf where none projects."""
@@ -135,7 +140,11 @@ class Sightings:
         return np.median(np.where(valid.reshape(distance.shape), distance, np.inf), axis=1)
 
 
+def board_middle(observations: Observations) -> Array:
+    """Return the middle (3,) of a board in its frame."""
+    return np.append(observations.extent.mean(0), 0.0)
+
+
 def half_turn(observations: Observations) -> Pose:
     """Return the half turn of a symmetric board about its middle."""
-    middle = observations.extent.mean(0)
-    return Pose(np.diag([-1.0, -1.0, 1.0]), np.array([2 * middle[0], 2 * middle[1], 0.0]))
+    return Pose(np.diag([-1.0, -1.0, 1.0]), 2 * board_middle(observations))
