@@ -185,7 +185,7 @@ class Observations(Displayed):
         """
         used = {board: views for board, views in boards.items() if len(views)}
         if not used:
-            raise ValueError(f"none of the boards {', '.join(boards)} was detected: specify them with --target")
+            raise ValueError(f"none of the boards {', '.join(boards)} was detected: do their files match the images?")
         if len({views.unit for views in used.values()}) > 1:
             raise ValueError("the size of some of the boards only is known: specify it for all")
         counts = [group.stop - group.start for views in used.values() for group in views.groups]

@@ -160,6 +160,7 @@ def _camera_of_several_boards(name: str, boards: Boards, options: CalibrateRigOp
     boards = {
         board: redetect(views, resect(initial, views), apply_exif=options.apply_exif, progress=progress)[0]
         for board, views in boards.items()
+        if len(views)
     }
     calibration = calibrate(Observations.joined(boards), options.single(), progress=progress)
     boards = {board: views for board, views in boards.items() if len(views)}
