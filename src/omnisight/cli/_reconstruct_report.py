@@ -179,7 +179,7 @@ def _describe_camera(rig: Rig, name: str) -> str:
     if camera.covariance is not None:
         sigma = np.sqrt(np.diag(camera.covariance))
     focal, k1 = (camera.model.param_names.index(each) for each in ("fx", "k1"))
-    values = [f"{camera.model.params[i]:.{digits}f} ± {sigma[i]:.1g}" for i, digits in ((focal, 2), (k1, 5))]
+    values = [f"{camera.model.params[i]:.{digits}f} ± {rounded(sigma[i], 1)}" for i, digits in ((focal, 2), (k1, 5))]
     return (
         f"warning     {name}: has no calibration; estimated from the images: {camera.model.name}, f = {values[0]} px,"
         f" k1 = {values[1]}. Calibrate it with a board (omnisight calibrate) for accurate results"

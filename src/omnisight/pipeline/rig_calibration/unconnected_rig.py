@@ -36,6 +36,7 @@ def explain_unconnected(error: Unconnected, rule: str) -> str:
     advice = (
         "the images are not simultaneous, or the cameras moved: check that images with the same"
         f" {'place in the order' if rule == 'order' else rule} were taken at the same time"
+        + ("" if rule == "time" else ", or specify their times with --times")
         if contradicting
         else "take about 10 images with the board where two of the cameras that are not connected both see it"
     )
