@@ -25,6 +25,7 @@ def fisheye_camera(theta_max_deg=95.0, size=480):
 
 
 CAMERAS = {
+    "equidistant": lambda: fisheye(480, 190.0),
     "equirectangular": lambda: sphere(640),
     "fisheye": fisheye_camera,
     "narrow_fisheye": lambda: fisheye_camera(80.0),

@@ -23,7 +23,7 @@ from reconstructing import independent, single, two_fisheyes, without_points
 NERFSTUDIO = ExportOptions("nerfstudio")
 
 
-@pytest.mark.parametrize("make", [single, two_fisheyes, lambda: single("pinhole")])
+@pytest.mark.parametrize("make", [single, two_fisheyes, lambda: single("pinhole"), lambda: single("equidistant")])
 def test_the_points_project_to_their_pixels_with_the_poses_of_nerfstudio(tmp_path, make):
     made = make()
     export_reconstruction(made, tmp_path, NERFSTUDIO)

@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 
 from omnisight.camera import Camera
-from omnisight.formats.nerfstudio import serialize
+from omnisight.conversion import convert_model
+from omnisight.formats._export import MAX_REFIT_ERROR_PX
+from omnisight.formats.nerfstudio import MODELS, serialize
 from omnisight.reconstructions._poses import world_from_cameras
 from omnisight.reconstructions._protocol import ExportOptions, OutputFile
 from omnisight.reconstructions.ply import ply
@@ -45,8 +47,15 @@ def _camera(reconstruction: Reconstruction, sensor: int) -> dict[str, Any]:
     if not isinstance(camera, Camera):
         raise ValueError(f"camera {name} is non-central ({camera.model.name}): export --to splat")
     try:
-        fields = json.loads(serialize(camera)[0])
+        fields = json.loads(serialize(camera if camera.model.name in MODELS else _fisheye(camera))[0])
     except ValueError as error:
-        model = camera.model.name
-        raise ValueError(f"camera {name}: nerfstudio cannot represent {model}: --to splat exports views") from error
+        raise ValueError(f"camera {name}: nerfstudio {error}: --to splat exports views") from error
     return {key: value for key, value in fields.items() if key not in ("frames", *camera.extra)}
+
+
+def _fisheye(camera: Camera) -> Camera:
+    """Return the fisheye of nerfstudio that fits a camera; raise ValueError if none does."""
+    fitted = convert_model(camera, MODELS[0])
+    if not fitted.max_px <= MAX_REFIT_ERROR_PX:
+        raise ValueError(f"cannot represent {camera.model.name}, {MODELS[0]} is {fitted.max_px:.2g} px off")
+    return fitted.camera
