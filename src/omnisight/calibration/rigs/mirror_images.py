@@ -53,7 +53,7 @@ def find_mirrored_pairs(sightings: Sequence[Sightings]) -> list[MirroredPair]:
             if len(groups) < MIN_COMMON_GROUPS:
                 continue
             first, second = a.at(at_a), b.at(at_b)
-            if _is_rigid(first, second, np.eye(3), np.eye(3)):
+            if _scatter(_rotations(first, second, np.eye(3), np.eye(3))) <= MAX_SCATTER_RAD:
                 continue
             if _is_rigid(first, second, FLIP, FROM_BEHIND):
                 pose = second.cam_from_group
@@ -74,11 +74,21 @@ def mirrored_cameras(pairs: Sequence[MirroredPair]) -> tuple[int, ...]:
 
 def _is_rigid(a: Sightings, b: Sightings, flip: Array, turn: Array) -> bool:
     """Return whether the pose of b relative to a is constant, if `flip` undoes its images and `turn` its boards."""
-    rotations = flip @ b.cam_from_group.rotation @ turn @ np.swapaxes(a.cam_from_group.rotation, 1, 2)
-    between = np.einsum("aij,bkj->abik", rotations, rotations)
-    angles = np.linalg.norm(so3.log(between.reshape(-1, 3, 3)), axis=1).reshape(between.shape[:2])
+    rotations = _rotations(a, b, flip, turn)
     middle_a, middle_b = (side.cam_from_group.transformed(side.middle[:, None])[:, 0] for side in (a, b))
     positions = middle_b @ flip.T - np.einsum("vij,vj->vi", rotations, middle_a)
     distances = np.linalg.norm(positions[:, None] - positions, axis=2)
     reach = MAX_SCATTER_RAD * np.median(np.linalg.norm(middle_a, axis=1))
-    return bool(np.median(angles, axis=1).min() <= MAX_SCATTER_RAD and np.median(distances, axis=1).min() <= reach)
+    return _scatter(rotations) <= MAX_SCATTER_RAD and bool(np.median(distances, axis=1).min() <= reach)
+
+
+def _rotations(a: Sightings, b: Sightings, flip: Array, turn: Array) -> Array:
+    """Return the rotations (N, 3, 3) of b relative to a, if `flip` undoes its images and `turn` its boards."""
+    return flip @ b.cam_from_group.rotation @ turn @ np.swapaxes(a.cam_from_group.rotation, 1, 2)
+
+
+def _scatter(rotations: Array) -> float:
+    """Return the median angle (radians) of rotations (N, 3, 3) from the one that is nearest to most."""
+    between = np.einsum("aij,bkj->abik", rotations, rotations)
+    angles = np.linalg.norm(so3.log(between.reshape(-1, 3, 3)), axis=1).reshape(len(rotations), -1)
+    return float(np.median(angles, axis=1).min())
