@@ -46,3 +46,23 @@ def test_unknown_choices_are_refused_with_the_closest_one(cls: type[Options], na
     with pytest.raises(ValueError, match=rf"{option}: unknown choice '{choice}z' \(did you mean {choice}\?\)"):
         cls(**REQUIRED.get(cls, {}), **{name: f"{choice}z"})
     assert getattr(cls(**REQUIRED.get(cls, {}), **{name: choice}), name) == choice
+
+
+def _fields_of_paths() -> list[tuple[type[Options], str, bool]]:
+    return [
+        (cls, field.name, get_origin(field.type) is tuple)
+        for cls in _option_classes()
+        for field in dataclasses.fields(cls)  # pyright: ignore[reportArgumentType]
+        if Path in (field.type, *get_args(field.type))
+    ]
+
+
+@pytest.mark.parametrize(("cls", "name", "is_tuple"), _fields_of_paths())
+def test_paths_can_be_strings(cls: type[Options], name: str, is_tuple: bool) -> None:
+    # The board of a bird's-eye view needs the image that shows it.
+    needed = {"ground_board": "board.jpg"} if (cls, name) == (om.BirdseyeOptions, "target") else REQUIRED.get(cls, {})
+    files = ["a.json", "b.json"] if is_tuple else "a.json"
+    options = cls(**needed | {name: files})
+    assert getattr(options, name) == ((Path("a.json"), Path("b.json")) if is_tuple else Path("a.json"))
+    if is_tuple:
+        assert getattr(cls(**needed | {name: "a.json"}), name) == (Path("a.json"),)

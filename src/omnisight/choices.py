@@ -5,6 +5,7 @@ The command line imports such classes for its help, so this module imports nothi
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
@@ -13,14 +14,27 @@ from omnisight.extensions import unknown_name
 
 
 class Options(Displayed):
-    """A dataclass of options; a field whose type is Literal, or Literal or None, accepts only its choices."""
+    """A dataclass of options.
+
+    A field whose type is Literal, or Literal or None, accepts only its choices. One of paths accepts strings too.
+    """
 
     def __post_init__(self) -> None:
-        """Raise ValueError if a value is not one of the choices of its field."""
+        """Make paths of strings; raise ValueError if a value is not one of the choices of its field."""
         for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
             value, choices = getattr(self, field.name), _choices(field.type)
+            if Path in (field.type, *get_args(field.type)):
+                object.__setattr__(self, field.name, _as_paths(value, is_tuple=get_origin(field.type) is tuple))
             if choices and value is not None and value not in choices:
                 raise ValueError(f"--{field.name.replace('_', '-')}: {unknown_name('choice', value, choices)}")
+
+
+def _as_paths(value: Any, *, is_tuple: bool) -> Any:
+    """Return a string as a path, or one or several as a tuple of paths; other values as they are."""
+    if is_tuple:
+        several = (value,) if isinstance(value, str | Path) else value
+        return tuple(_as_paths(each, is_tuple=False) for each in several)
+    return Path(value) if isinstance(value, str) else value
 
 
 @cache

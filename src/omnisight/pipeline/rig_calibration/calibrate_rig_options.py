@@ -75,13 +75,12 @@ class CalibrateRigOptions(ImageOptions, EstimationOptions):
         if not self.target:
             return {"board": None}
         self.check_one_board()
-        files = [Path(path) for path in self.target]
-        names = [file.stem for file in files]
+        names = [path.stem for path in self.target]
         if len(set(names)) < len(names):
-            names = [file.as_posix() for file in files]
+            names = [path.as_posix() for path in self.target]
         if repeated := [name for k, name in enumerate(names) if name in names[:k]]:
             raise ValueError(f"--target {repeated[0]}: specified twice; each board needs a file of its own")
-        return dict(zip(names, files, strict=True))
+        return dict(zip(names, self.target, strict=True))
 
     def single(self, target: Path | None = None) -> CalibrateOptions:
         """Return the options to calibrate one of the cameras alone, from one of the boards."""
