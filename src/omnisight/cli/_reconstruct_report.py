@@ -135,8 +135,8 @@ def weaknesses(model: Reconstruction) -> list[str]:
     found: list[str] = []
     if model.mean_track_length < WEAK_TRACK_LENGTH:
         found.append(
-            "most points are in two images only, so that nothing verifies poses and their standard deviations: take"
-            " images closer together, and of more texture; a wrong calibration has the same effect"
+            "most points are in two images only, so that nothing verifies poses, estimated cameras and their standard"
+            " deviations: take images closer together, and of more texture; a wrong calibration has the same effect"
         )
     if model.unverified:
         names = ", ".join(model.unverified[:5]) + (" ..." if len(model.unverified) > 5 else "")
