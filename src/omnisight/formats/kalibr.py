@@ -83,7 +83,9 @@ def parse_rig(text: str) -> Rig:
     """
     cameras = parse(text)
     if len(cameras) < 2:
-        raise ValueError("holds one camera, which is no rig")
+        raise ValueError(
+            "holds one camera, which is no rig: join the files of all cameras (omnisight convert FILES --to native)"
+        )
     check_count(len(cameras))
     poses = [Pose()]
     for previous, name in pairwise(cameras):
