@@ -47,7 +47,7 @@ class OdometryResult(Displayed):
     rejected_loops
         Places that look alike, whose poses contradict the trajectory or the other loops.
     correction
-        Largest displacement of a pose by the loops, in `unit`.
+        Largest displacement of a pose by the loops and the refinement at the end, in `unit`.
     unit
         Unit of positions: "m" or, of a rig that was calibrated with a board of unknown size, "squares"; "baselines" of
         the first two keyframes if the scale is unknown.
