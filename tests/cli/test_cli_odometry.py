@@ -135,7 +135,7 @@ def test_an_image_of_another_size_or_an_unreadable_first_image_is_lost(run, room
     assert reasons[6] == "000006.jpg: is 200x150 px, and images before 400x300"
     status, out, err = run("doctor", folder, *camera)
     assert (status, err) == (0, "")
-    assert "2 cannot be read: 000000.jpg: empty file" in out
+    assert "2 cannot be used, the first: 000000.jpg: empty file" in out
 
 
 @pytest.mark.parametrize("command", ["odometry", "doctor"])
