@@ -10,12 +10,14 @@ import pytest
 import omnisight as om
 from clips import write_clip
 from omnisight.cli._odometry_live import live_view
+from omnisight.compilation import report_compilation
 from omnisight.images.live_camera import LiveCamera
 from omnisight.pipeline.odometry.frame_sequence import SequenceFrame
 from omnisight.pipeline.odometry.odometry import live_odometry
 from omnisight.report.drawings.odometry import draw_path
 from omnisight.simulation.trajectory import read_trajectory
 from omnisight.visual_odometry.odometry import Odometry
+from omnisight.visual_odometry.warm_up import FRAMES as WARM_UP_FRAMES
 from walks import render_walk
 
 FRAMES, RATE = 20, 4
@@ -86,7 +88,7 @@ def test_ctrl_c_is_the_usual_end(run, walk, monkeypatch):
     def add(self, image, seconds):
         nonlocal count
         count += 1
-        if count == 14:
+        if count == WARM_UP_FRAMES + 14:
             raise KeyboardInterrupt
         return added(self, image, seconds)
 
@@ -97,9 +99,34 @@ def test_ctrl_c_is_the_usual_end(run, walk, monkeypatch):
     assert result
 
 
+def test_code_is_loaded_before_the_camera_is_opened(walk, monkeypatch):
+    steps = []
+    opened = LiveCamera.__init__
+    monkeypatch.setattr(LiveCamera, "__init__", lambda *a, **b: (steps.append("opened"), opened(*a, **b))[1])
+    camera = om.load(walk / "camera.json")
+    options = om.OdometryOptions(loops=False)
+    live_odometry(str(walk / "clip.avi"), camera, options, None, lambda *_: None, lambda *report: steps.append(report))
+    assert steps[0][:2] == ("loading code before the first image", 0)
+    assert [step[1] == step[2] for step in steps if step != "opened"] == [False] * (len(steps) - 2) + [True]
+    assert steps[-1] == "opened"
+
+
+def test_the_terminal_shows_that_code_is_loaded(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with live_view("0", has_page=False) as (_, progress):
+        progress("loading code before the first image", 3, 10)
+        report_compilation("align", None)
+    assert capsys.readouterr().err.split("\x1b[K") == [
+        "\rloading code before the first image: 3 of 10",
+        "\rcompiling code (first run): align",
+        "\r",
+        "",
+    ]
+
+
 def test_the_page_shows_tracks_path_and_figures(walk, browser, capsys):
     panels = []
-    with live_view("clip.avi", has_page=True) as watch:
+    with live_view("clip.avi", has_page=True) as (watch, _):
         url = capsys.readouterr().err.split()[-1]
         tracking = Odometry(om.load(walk / "camera.json"))
         for index, path in enumerate(sorted((walk / "images").iterdir())):

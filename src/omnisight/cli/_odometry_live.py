@@ -10,8 +10,10 @@ from shutil import get_terminal_size
 import numpy as np
 
 from omnisight.cli._output import is_quiet
+from omnisight.compilation import watch_compilation
 from omnisight.pipeline.odometry.frame_sequence import SequenceFrame
 from omnisight.pipeline.odometry.odometry import Watch
+from omnisight.progress import Progress
 from omnisight.report.drawings.odometry import OdometryDrawing
 from omnisight.report.live.server import LivePage
 from omnisight.visual_odometry.odometry import Odometry
@@ -66,14 +68,24 @@ def advice(tracking: Odometry, frame: SequenceFrame) -> str:
 
 
 @contextmanager
-def live_view(source: str, *, has_page: bool) -> Generator[Watch]:
-    """Show the odometry as a line on stderr, if it is a terminal, and as a page."""
+def live_view(source: str, *, has_page: bool) -> Generator[tuple[Watch, Progress]]:
+    """Show the odometry and its progress as a line on stderr, if it is a terminal, and the odometry as a page."""
     has_line = not is_quiet() and sys.stderr.isatty()
     drawing, figures, drawn = OdometryDrawing(), LiveFigures(), 0.0
     with ExitStack() as stack:
         page = stack.enter_context(LivePage(f"Odometry of {source}")) if has_page else None
         if page is not None:
             print(f"page      {page.url}", file=sys.stderr, flush=True)
+
+        def show(line: str) -> None:
+            if has_line:
+                print(f"\r{line[: get_terminal_size().columns - 1]}\x1b[K", end="", file=sys.stderr, flush=True)
+
+        def report(stage: str, done: int, total: int) -> None:
+            show(f"{stage}: {done} of {total}")
+
+        def report_compilation(function: str, seconds: float | None) -> None:
+            show(f"compiling code (first run): {function}")
 
         def watch(tracking: Odometry, frame: SequenceFrame) -> None:
             nonlocal drawn
@@ -82,13 +94,12 @@ def live_view(source: str, *, has_page: bool) -> Generator[Watch]:
             if has_line:
                 rows = figures.rows(tracking, frame)
                 text = f"{rows['Frames']}, {frame.dropped} dropped, {rows['Rate']}, path {rows['Path']}"
-                line = f"{advice(tracking, frame)}: {text}"[: get_terminal_size().columns - 1]
-                print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
+                show(f"{advice(tracking, frame)}: {text}")
             if page is not None and frame.images and time.perf_counter() - drawn > PAGE_PERIOD_S:
                 drawn = time.perf_counter()
                 image = drawing.draw(tracking, frame.images[0])
                 page.show(image, advice(tracking, frame), figures.rows(tracking, frame))
 
-        yield watch
-        if has_line:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+        stack.enter_context(watch_compilation(report_compilation))
+        yield watch, report
+        show("")

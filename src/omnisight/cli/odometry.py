@@ -47,8 +47,8 @@ def odometry(
         Trajectory to write, world_from_camera (world_from_rig): TUM's format, timestamp tx ty tz qx qy qz qw, or
         KITTI's.
     live
-        Follow a connected camera whose number is IMAGES, such as --live 0, until Ctrl-C. Frames that arrive while an
-        earlier one is processed are dropped. A clip is played at its rate.
+        Follow a connected camera whose number is IMAGES, such as --live 0, until Ctrl-C. It is opened once the code is
+        loaded. Frames that arrive while an earlier one is processed are dropped. A clip is played at its rate.
     page
         With --live, show the path, the tracks on the image, and figures in a page for the browser, on this computer
         only.
@@ -85,8 +85,8 @@ def _run_live(
 
     if camera is None or rig is not None:
         raise ValueError("--live is for one calibrated camera: specify its file with --camera")
-    with live_view(str(source), has_page=has_page) as watch:
-        return live_odometry(str(source), camera, options, output, watch)
+    with live_view(str(source), has_page=has_page) as (watch, progress):
+        return live_odometry(str(source), camera, options, output, watch, progress)
 
 
 @contextmanager

@@ -29,6 +29,7 @@ from omnisight.visual_odometry.central_rig import central_rig, has_baseline, lar
 from omnisight.visual_odometry.loop_result import LoopClosure
 from omnisight.visual_odometry.odometry import Odometry
 from omnisight.visual_odometry.segments import trajectory_segments
+from omnisight.visual_odometry.warm_up import warm_up
 
 Watch = Callable[[Odometry, SequenceFrame], None]
 
@@ -90,9 +91,11 @@ def live_odometry(
     options: OdometryOptions = OdometryOptions(),
     output: str | PathLike[str] | None = None,
     watch: Watch = lambda tracking, frame: None,
+    progress: Progress = no_progress,
 ) -> OdometryResult:
     """Compute the trajectory of a connected camera while it moves; Ctrl-C ends it.
 
+    The code is loaded before the camera is opened, which takes seconds: frames that arrived meanwhile would be lost.
     Frames that arrive while an earlier one is processed are dropped, and counted in the result.
 
     Parameters
@@ -107,6 +110,8 @@ def live_odometry(
         Trajectory to write, as of `odometry`.
     watch
         Called after each frame with the trajectory so far.
+    progress
+        Called with the stage, the number of its steps done, and of all: before the first frame, and after the last.
 
     Raises
     ------
@@ -115,10 +120,13 @@ def live_odometry(
     """
     if options.fps is not None or options.topic is not None:
         raise ValueError("--fps and --topic are for files: leave them out with --live")
-    sequence = FrameSequence.live(str(source), options)
     _refuse_inputs(output, [source, camera], options)
-    body = _body(CameraSources.of(camera, None, None, options.name), sequence, options)
-    return _run(sequence, body, options, output, watch, no_progress)
+    sources = CameraSources.of(camera, None, None, options.name)
+    for calibrated in sources.sources:
+        if isinstance(calibrated, Camera):
+            warm_up(calibrated, options, progress)
+    sequence = FrameSequence.live(str(source), options)
+    return _run(sequence, _body(sources, sequence, options), options, output, watch, progress)
 
 
 def _run(
