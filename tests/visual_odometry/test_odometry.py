@@ -161,6 +161,8 @@ def test_wrong_images_and_times_are_refused(fisheye):
     with pytest.raises(ValueError, match="the time of frame 0 is nan s"):
         om.Odometry(fisheye.camera).add(fisheye.images[0], np.nan)
     assert tracking.add(fisheye.images[1], 1.1).frame == 1
+    with pytest.raises(ValueError, match=r"str, not a camera or a rig: read its file \(om.load, or om.load_rig\)"):
+        om.Odometry(str(fisheye.folder / "camera.json"))
     with pytest.raises(ValueError, match="--window must be at least 3"):
         om.MotionOptions(window=1)
 

@@ -11,7 +11,13 @@ from omnisight.rig import Rig
 
 
 def central_rig(camera: Camera | RayCamera | Rig) -> Rig:
-    """Return a rig of central cameras; a non-central one is approximated for distant points."""
+    """Return a rig of central cameras; a non-central one is approximated for distant points.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a camera nor a rig.
+    """
     if isinstance(camera, Rig):
         return replace(camera, cameras=tuple(map(_central, camera.cameras)))
     return Rig((_central(camera),), (Pose(),), ("camera",))
@@ -35,7 +41,13 @@ def has_baseline(rig: Rig) -> bool:
 
 def _central(camera: Camera | RayCamera) -> Camera:
     """Return a central camera, of distant points for a non-central one."""
-    return camera if isinstance(camera, Camera) else camera.central(float("inf"))[0]
+    if isinstance(camera, Camera):
+        return camera
+    # The type of the caller is not checked: a path in place of the camera is a likely mistake.
+    if not isinstance(camera, RayCamera):  # pyright: ignore[reportUnnecessaryIsInstance]
+        kind = type(camera).__name__
+        raise ValueError(f"the camera is {kind}, not a camera or a rig: read its file (om.load, or om.load_rig)")
+    return camera.central(float("inf"))[0]
 
 
 def central_cameras(rig: Rig) -> list[Camera]:
