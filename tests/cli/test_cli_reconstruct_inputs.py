@@ -135,11 +135,45 @@ def test_rows_without_a_number_are_reported(images):
     found = read_positions(table, files)
     assert np.isfinite(found.positions).all(axis=1).tolist() == [True, False, False]
     reason = "not used: without a finite number for each of x, y, z"
-    assert found.warnings == (f"{table}: 2 lines of images, the first is 3, are {reason}",)
+    assert found.warnings == (
+        f"{table}: line 5 is not used: there is no image 'other.png'; the first image is '0.png'",
+        f"{table}: 2 lines of images, the first is 3, are {reason}",
+    )
     table.write_text("name,lat,lon,alt\n0.png,47,8,\n1.png,47,8.0001,\n2.png,,8,\n")
     found = read_positions(table, files)
     assert np.isfinite(found.positions).all(axis=1).tolist() == [True, True, False]
     assert found.warnings[0].startswith(f"{table}: line 4 is not used: ")
+
+
+def test_rows_of_unknown_images_are_reported(refuses, images):
+    files, table = image_set(images), images.parent / "positions.csv"
+    table.write_text("name,x,y,z\nDSC1.JPG,0,0,0\n0.png,1,2,3\n\nDSC2.JPG,0,0,0\n")
+    found = read_positions(table, files)
+    unknown = "2 lines, the first is 2, are not used: there is no image 'DSC1.JPG'; the first image is '0.png'"
+    assert found.warnings == (f"{table}: {unknown}",)
+    table.write_text("name,x,y,z\nDSC1.JPG,0,0,0\nDSC2.JPG,0,0,0\n")
+    output = refuses("reconstruct", images, "--positions", table, "-o", images.parent / "model")
+    assert f"none of the 3 images has a position in {table}. {table}: {unknown}" in output
+
+
+def test_the_first_complete_row_of_an_image_is_used_and_repeated_rows_are_reported(images):
+    files, table = image_set(images), images.parent / "positions.csv"
+    table.write_text("name,x,y,z\n0.png,,,\n0.png,1,2,3\n0.png,,,\n0.png,7,8,9\n1.png,4,5,6\n1.png,,,\n2.png,0,0,0\n")
+    found = read_positions(table, files)
+    assert found.positions.tolist() == [[1, 2, 3], [4, 5, 6], [0, 0, 0]]
+    assert found.warnings == (
+        f"{table}: 0.png and 1 more images have several lines: one of each is used, of 0.png line 3",
+    )
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_cells_may_be_separated_as_spreadsheets_do_where_the_comma_separates_decimals(images, delimiter):
+    table = images.parent / "positions.csv"
+    rows = ("name", "x", "y", "z"), ("0.png", "1,5", "-2", "3.25"), ("1.png", "1", "0", "0,5")
+    table.write_text("\n".join(delimiter.join(row) for row in rows))
+    found = read_positions(table, image_set(images))
+    np.testing.assert_array_equal(found.positions, [[1.5, -2, 3.25], [1, 0, 0.5], [np.nan] * 3])
+    assert not found.warnings
 
 
 def test_a_row_of_two_images_of_one_name_is_refused(images):

@@ -1,9 +1,11 @@
 """Known positions of images: from their EXIF tags or from a table."""
 
 import csv
-from collections.abc import Sequence
+import io
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 # Bytes of a JPEG file that contain its EXIF tags: segments of up to 64 KiB, the first of which may be another.
 EXIF_BYTES = 1 << 17
 EXIF = "exif"
+DELIMITERS = (",", ";", "\t")
 METRIC = ("x", "y", "z")
 GEODETIC = ("latitude", "longitude", "altitude")
 # Least and largest angle; longitudes are counted from -180° or from 0°.
@@ -55,6 +58,14 @@ class KnownPositions:
         return cls(east_north_up(positions, origin), origin)
 
 
+class _Row(NamedTuple):
+    """A row of a table: its line, the name of its image, and (3,) numbers, NaN of empty cells."""
+
+    line: int
+    name: str
+    numbers: Array
+
+
 def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
     """Read the positions of images.
 
@@ -62,7 +73,8 @@ def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
     ----------
     source
         "exif" for the tags of the images, or a CSV file with a header: name and x, y, z in metres, or name, latitude,
-        longitude and altitude.
+        longitude and altitude. Its cells are separated by commas; or by semicolons or tabs, where a comma in a number
+        separates the decimals.
     files
         The images.
 
@@ -74,7 +86,8 @@ def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
     found = _exif_positions(files) if str(source) == EXIF else _read_table(Path(source), files)
     if not np.isfinite(found.positions).all(axis=1).any():
         where = "their EXIF tags" if str(source) == EXIF else source
-        raise ValueError(f"{files.paths[0].parent}: none of the {len(files)} images has a position in {where}")
+        reasons = "".join(f". {warning}" for warning in found.warnings)
+        raise ValueError(f"{files.paths[0].parent}: none of the {len(files)} images has a position in {where}{reasons}")
     return found
 
 
@@ -110,17 +123,18 @@ def _exif_positions(files: ImageSet) -> KnownPositions:
 
 
 def _read_table(path: Path, files: ImageSet) -> KnownPositions:
-    """Read a CSV file; lines of other images are skipped."""
+    """Read a CSV file; of several rows of an image, the first of the most complete ones is used."""
     try:
-        with path.open(encoding="utf-8-sig", errors="surrogateescape", newline="") as file:
-            rows = list(csv.reader(file))
+        text = path.read_text(encoding="utf-8-sig", errors="surrogateescape")
+        delimiter = max(DELIMITERS, key=text.partition("\n")[0].count)
+        rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter))
     except (OSError, csv.Error) as error:
         raise ValueError(f"{path}: cannot be read: {error}") from error
     header = [SHORT.get(cell.strip().lower(), cell.strip().lower()) for cell in rows[0]] if rows else []
     kind = next((kind for kind in (METRIC, GEODETIC) if {"name", *kind} <= set(header)), None)
     if kind is None:
         raise ValueError(
-            f"{path}: its first line is {','.join(header)[:80]!r}; expected the columns name,x,y,z or"
+            f"{path}: its first line is {delimiter.join(header)[:80]!r}; expected the columns name,x,y,z or"
             " name,latitude,longitude,altitude"
         )
     name_column, columns = header.index("name"), [header.index(column) for column in kind]
@@ -128,24 +142,35 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
     for i, name in enumerate(files.names):
         by_file.setdefault(PurePosixPath(name).name, []).append(i)
     images = by_file | {name: [i] for i, name in enumerate(files.names)}
-    positions, line_of_image = np.full((len(files), 3), np.nan), dict[int, int]()
+    rows_of_image, unknown = dict[int, list[_Row]](), list[_Row]()
     for line, row in enumerate(rows[1:], start=2):
+        if not any(cell.strip() for cell in row):
+            continue
         name = row[name_column].strip() if len(row) > name_column else ""
         found = images.get(name, [])
         if len(found) > 1:
             raise ValueError(f"{path}, line {line}: {_ambiguous(name, files, found)}")
-        for image in found:
-            cells = [row[c] if c < len(row) else "" for c in columns]
-            positions[image], line_of_image[image] = _position(cells, kind, f"{path}, line {line}"), line
+        cells = [row[c] if c < len(row) else "" for c in columns] if found else []
+        numbers = _position(cells, kind, delimiter, f"{path}, line {line}") if found else np.array([])
+        (rows_of_image.setdefault(found[0], []) if found else unknown).append(_Row(line, name, numbers))
+    used = {i: max(rows, key=lambda row: np.isfinite(row.numbers).sum()) for i, rows in rows_of_image.items()}
+    positions = np.full((len(files), 3), np.nan)
+    for i, row in used.items():
+        positions[i] = row.numbers
     known = KnownPositions(positions) if kind == METRIC else KnownPositions.of_geodetic(positions)
-    unknown = set(np.flatnonzero(~np.isfinite(known.positions).all(axis=1)).tolist())
-    return replace(
-        known, warnings=_unused_rows(path, [line for i, line in line_of_image.items() if i in unknown], kind)
+    incomplete = set(np.flatnonzero(~np.isfinite(known.positions).all(axis=1)).tolist())
+    warnings = (
+        *_rows_of_unknown_images(path, unknown, files),
+        *_repeated_rows(path, rows_of_image, used),
+        *_unused_rows(path, [row.line for i, row in used.items() if i in incomplete], kind),
     )
+    return replace(known, warnings=warnings)
 
 
-def _position(cells: Sequence[str], kind: Sequence[str], where: str) -> Array:
+def _position(cells: Sequence[str], kind: Sequence[str], delimiter: str, where: str) -> Array:
     """Return the numbers of cells, NaN of empty ones; raise ValueError with their place for others."""
+    if delimiter != ",":  # spreadsheets separate cells by semicolons where the comma separates decimals
+        cells = [cell.replace(",", ".") for cell in cells]
     try:
         numbers = np.array([float(cell) if cell.strip() else np.nan for cell in cells])
     except ValueError as error:
@@ -155,6 +180,26 @@ def _position(cells: Sequence[str], kind: Sequence[str], where: str) -> Array:
         if number < least or number > most:
             raise ValueError(f"{where}: the {name} {number:g} is not from {least:g} to {most:g} degrees")
     return numbers
+
+
+def _rows_of_unknown_images(path: Path, rows: Sequence[_Row], files: ImageSet) -> tuple[str, ...]:
+    """Return the warning that rows are of images that are not among those of the reconstruction."""
+    if not rows:
+        return ()
+    which = f"line {rows[0].line} is" if len(rows) == 1 else f"{len(rows)} lines, the first is {rows[0].line}, are"
+    return (
+        f"{path}: {which} not used: there is no image {rows[0].name!r:.80}; the first image is {files.names[0]!r:.80}",
+    )
+
+
+def _repeated_rows(path: Path, rows: Mapping[int, Sequence[_Row]], used: Mapping[int, _Row]) -> tuple[str, ...]:
+    """Return the warning that images have several rows."""
+    repeated = [image for image in rows if len(rows[image]) > 1]
+    if not repeated:
+        return ()
+    first = used[repeated[0]]
+    others = f" and {len(repeated) - 1} more images have" if len(repeated) > 1 else " has"
+    return (f"{path}: {first.name}{others} several lines: one of each is used, of {first.name} line {first.line}",)
 
 
 def _unused_rows(path: Path, lines: Sequence[int], kind: Sequence[str]) -> tuple[str, ...]:
