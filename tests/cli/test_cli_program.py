@@ -121,6 +121,19 @@ def test_an_unknown_command_gets_the_closest_one(run):
             ("reconstruct", "images", "-o", "model", "--scale", "first.jpg", "3.2m"),
             "--scale needs 3 values; omnisight reconstruct --help describes them",
         ),
+        (
+            ("reconstruct", "images", "-o", "model", "--scale", "a.jpg", "b.jpg", "-3m"),
+            "--scale: the length '-3m' must be positive",
+        ),
+        (
+            ("reconstruct", "images", "-o", "model", "--scale=a.jpg", "b.jpg"),
+            "--scale needs 3 values; omnisight reconstruct --help describes them",
+        ),
+        (("calibrate", "images", "--square", "-25mm"), "--square: the length '-25mm' must be positive"),
+        (
+            ("calibrate", "images", "--square", "-o", "camera.json"),
+            "--square needs a value; write --square=VALUE if it begins with a dash",
+        ),
     ],
 )
 def test_an_unexpected_argument_is_named_with_what_to_do(run, arguments, message):

@@ -1,5 +1,6 @@
 """Messages of arguments that a command does not accept."""
 
+import re
 from difflib import get_close_matches
 
 from cyclopts import (
@@ -33,7 +34,18 @@ def option_error(error: CycloptsError) -> str:
             message = f"{error.keyword} needs a value; write {error.keyword}=VALUE if it begins with a dash"
             if count > 1:
                 message = f"{error.keyword} needs {count} values; {_command(error)} --help describes them"
+            message = _negative_length(error, error.keyword) or message
     return message
+
+
+def _negative_length(error: MissingArgumentError, keyword: str) -> str:
+    """Return the message if the missing value is a negative length, which has the form of an option; empty if not."""
+    from omnisight.targets.length import UNITS_PER_METRE
+
+    typed = error.root_input_tokens or []
+    at = typed.index(keyword) + 1 + len(error.tokens_so_far) if keyword in typed else len(typed)
+    values = [value for value in typed[at : at + 1] if re.fullmatch(rf"-[\d.]+({'|'.join(UNITS_PER_METRE)})", value)]
+    return f"{keyword}: the length {values[0]!r} must be positive" if values else ""
 
 
 def _option_before_command(typed: str) -> str:
