@@ -30,6 +30,11 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "omnisight"
 
 
+def frames_folder() -> Path:
+    """Return the folder of frames that were extracted from clips."""
+    return cache_folder() / "frames"
+
+
 def compiled_folders() -> list[Path]:
     """Return the folders of compiled code of all versions."""
     return [path for name in COMPILED for path in cache_folder().glob(name)]

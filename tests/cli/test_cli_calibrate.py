@@ -90,7 +90,7 @@ def test_json_is_one_object_and_nothing_else(run, folder):
         assert set(image) == {"name", "found", "corners", "rms", "worst", "note"}
         assert image["found"] is (int(image["name"][0]) <= 6)
         assert (image["rms"] is None) is (image["worst"] is None) is (not image["found"])
-    assert result["images"][6]["note"] == "not an image (starts with b'not a')"
+    assert result["images"][6]["note"] == "not an image (starts with the text 'not an image')"
     assert result["images"][7]["note"] == "no 9x6 board detected"
     assert result["pattern"] == "9x6"
     assert 0 < result["mean"] < result["rms"] < 0.3

@@ -34,7 +34,7 @@ def test_a_missing_input_is_named(refuses, tmp_path, path):
 @pytest.mark.parametrize(
     ("damage", "note"),
     [
-        ("text", "not an image (starts with b'no im')"),
+        ("text", "not an image (starts with the text 'no image data')"),
         ("empty", "empty file"),
         ("truncated", "truncated JPEG (no end-of-image marker)"),
         ("black", "no 9x6 board detected"),

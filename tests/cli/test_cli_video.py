@@ -20,7 +20,7 @@ def clip(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def frames_in_the_cache(environment, shared_cache, monkeypatch):
-    monkeypatch.setattr("omnisight.calibration.frame_selection.cache_folder", lambda: shared_cache)
+    monkeypatch.setattr("omnisight.calibration.frame_selection.frames_folder", lambda: shared_cache / "frames")
 
 
 def test_the_most_informative_frames_of_a_clip_are_used(run, clip, tmp_path):
@@ -76,7 +76,7 @@ def test_an_unreadable_clip_is_left_out_with_the_reason(run, clip, tmp_path):
     status, out, err = run("detect", tmp_path, "--json")
     assert (status, err) == (0, "")
     notes = {entry["name"]: entry["note"] for entry in json.loads(out)["images"]}
-    assert notes["bad.mp4"] == "not a video (starts with b'no vi')"
+    assert notes["bad.mp4"] == "not a video (starts with the text 'no video data')"
     assert any(name.startswith("good-") for name in notes)
 
 

@@ -54,7 +54,10 @@ def test_depth_and_channels_are_preserved(tmp_path, shape, dtype, extension):
     ("data", "reason"),
     [
         (b"", "empty file"),
-        (b"hello, this is text", r"not an image \(starts with b'hello'\)"),
+        (b"hello, this is text", r"not an image \(starts with the text 'hello, this is t'\)"),
+        (b"%PDF-1.7\n%\xe2\xe3", r"not an image \(starts with the text '%PDF-1.7'\)"),
+        (b"\x1f\x8b\x08\0\0\0", r"not an image \(starts with the bytes 1f 8b 08 00 00\)"),
+        (b"\n\n", r"not an image \(starts with the bytes 0a 0a\)"),
         (jpeg(COLOURS)[:-40], r"truncated JPEG \(no end-of-image marker\)"),
         (b"\xff\xd8\xff", "truncated JPEG"),
         (cv2.imencode(".png", COLOURS)[1].tobytes()[:-20], "truncated PNG"),

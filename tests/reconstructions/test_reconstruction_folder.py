@@ -170,5 +170,5 @@ def test_any_truncation_is_refused(tmp_path):
     assert set(ARRAYS) == {name[:-4] for name in zipfile.ZipFile(tmp_path / FILE).namelist() if name.endswith(".npy")}
     for length in (0, 3, 100, len(data) // 2, len(data) - 1):
         (tmp_path / FILE).write_bytes(data[:length])
-        with pytest.raises(ReconstructionError):
+        with pytest.raises(ReconstructionError, match="Make it anew with omnisight reconstruct or omnisight map"):
             read_reconstruction(tmp_path)

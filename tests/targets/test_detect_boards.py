@@ -84,6 +84,21 @@ def test_exif_rotation_is_noted_once_and_applied_on_request(tmp_path, gray):
     assert [p.note for p in turned] == ["", ""]
 
 
+@pytest.mark.parametrize("of_clip", [False, True])
+def test_the_video_is_proposed_in_place_of_repeated_images_unless_they_are_its_frames(
+    tmp_path, gray, monkeypatch, of_clip
+):
+    monkeypatch.setattr("omnisight.targets.set_checks.frames_folder", lambda: tmp_path if of_clip else tmp_path / "no")
+    (tmp_path / "clip").mkdir()
+    paths = [tmp_path / "clip" / f"board-{k:06d}.png" for k in range(2)]
+    for path in paths:
+        write_image(path, gray)
+    (note,) = detect_boards(paths, BOARD).notes
+    assert "1 of 2 images with a board repeat another one" in note
+    assert note.endswith("move and tilt the board between images") is of_clip
+    assert ("or use the video itself" in note) is not of_clip
+
+
 def test_second_run_uses_the_cache(tmp_path, gray, cache_folder, monkeypatch):
     write_image(tmp_path / "a.png", gray)
     (first,) = detect_boards([tmp_path / "a.png"], BOARD).images

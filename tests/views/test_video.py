@@ -28,8 +28,8 @@ def cache(tmp_path_factory):
     """Keep detections and frames out of the user's cache; compiled code stays in the shared cache."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("targets.cache", "calibration.frame_selection"):
-            patch.setattr(f"omnisight.{module}.cache_folder", lambda: folder)
+        patch.setattr("omnisight.targets.cache.cache_folder", lambda: folder)
+        patch.setattr("omnisight.calibration.frame_selection.frames_folder", lambda: folder / "frames")
         yield
 
 
@@ -92,10 +92,10 @@ def test_rotation_is_ignored_by_default(tmp_path):
 
 BAD = {
     "empty": (lambda good: b"", "empty file; copy it from the camera again"),
-    "text": (lambda good: b"plain text" * 99, "not a video (starts with b'plain')"),
+    "text": (lambda good: b"plain text" * 99, "not a video (starts with the text 'plain textplain')"),
     "image": (
         lambda good: cv2.imencode(".png", np.zeros((9, 9), np.uint8))[1].tobytes(),
-        "not a video (starts with b'\\x89PNG",
+        "not a video (starts with the bytes 89 50 4e 47 0d)",
     ),
     "playlist": (lambda good: b"#EXTM3U\n#EXTINF:1,\nfile:///etc/hostname\n" * 20, "not a video"),
     "list": (lambda good: b"ffconcat version 1.0\nfile short.avi\n" * 20, "not a video"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from omnisight.cache import cache_folder, remove_least_recent, touch
+from omnisight.cache import frames_folder, remove_least_recent, touch
 from omnisight.calibration.frame_information import MAX_SELECTED, select_informative_views
 from omnisight.images import MAX_FRAMES, Clip, write_image
 from omnisight.progress import StageProgress, no_progress
@@ -161,7 +161,7 @@ def _digest(clip: Clip) -> str:
 def _written(clip: Clip, digest: str, indices: tuple[int, ...]) -> tuple[Path, ...]:
     """Return image files of the frames, written if they do not exist yet."""
     stem = clip.path.stem[:MAX_STEM_LENGTH]
-    clips = cache_folder() / "frames"
+    clips = frames_folder()
     folder = clips / f"{digest[:16]}{'-upright' * clip.upright}"
     paths = {index: folder / f"{stem}-{index:06d}.png" for index in indices}
     missing = {index for index, path in paths.items() if not path.is_file()}

@@ -12,6 +12,9 @@ from collections.abc import Iterator
 JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
+# Characters and bytes of other files that messages show.
+SHOWN_CHARACTERS, SHOWN_BYTES = 16, 5
+
 _SOI_LENGTH = 2
 _EOI, _SOS = 0xD9, 0xDA
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD8)})
@@ -19,6 +22,14 @@ _FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
 # In the coded data 0xff is followed by 0 (a stuffed byte), a restart marker or fill bytes. Anything else starts the
 # next segment.
 _NEXT_MARKER = re.compile(rb"\xff[^\x00\x01\xd0-\xd7\xff]")
+
+
+def describe_start(data: bytes) -> str:
+    """Return the beginning of a file's content, readable: its text, or the first bytes in hexadecimal."""
+    text = data[:SHOWN_CHARACTERS].decode("ascii", errors="replace").partition("\n")[0].rstrip()
+    if text and text.isascii() and text.isprintable():
+        return f"starts with the text {text!r}"
+    return f"starts with the bytes {data[:SHOWN_BYTES].hex(' ')}"
 
 
 def jpeg_segments(data: bytes) -> Iterator[tuple[int, bytes]]:

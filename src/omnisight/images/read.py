@@ -14,6 +14,7 @@ from omnisight.images.headers import (
     JPEG_MAGIC,
     PNG_MAGIC,
     declared_size,
+    describe_start,
     find_jpeg_defect,
     find_png_defect,
 )
@@ -182,4 +183,4 @@ def _describe_content(data: bytes) -> str:
     for magic, kind in FORMAT_MAGICS.items():
         if data.startswith(magic):
             return f"damaged or unsupported {kind}"
-    return f"not an image (starts with {data[:5]!r})"
+    return f"not an image ({describe_start(data)})"

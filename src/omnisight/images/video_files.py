@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from omnisight.extensions import file_error
+from omnisight.images.headers import describe_start
 
 VIDEO_SUFFIXES = (
     *(".mp4", ".mov", ".m4v", ".qt", ".3gp", ".3g2", ".avi", ".divx", ".mkv", ".webm", ".ogv", ".wmv", ".asf", ".flv"),
@@ -48,7 +49,7 @@ def find_defect(path: Path) -> str | None:
         or (head[0] == 0x47 and head[188:189] == b"\x47")
         or (head[4] == 0x47 and head[196:197] == b"\x47" if len(head) > 196 else False)
     )
-    return None if is_video else f"not a video (starts with {head[:5]!r})"
+    return None if is_video else f"not a video ({describe_start(head)})"
 
 
 def avi_frame_count(path: Path) -> int:

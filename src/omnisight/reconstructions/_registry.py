@@ -127,7 +127,9 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     try:
         return native.read(path)
     except (ValueError, OSError) as error:
-        raise ReconstructionError(f"{path}: {native.TITLE}: {error}") from error
+        raise ReconstructionError(
+            f"{path}: {native.TITLE}: {error}. Make it anew with omnisight reconstruct or omnisight map"
+        ) from error
 
 
 def _colmap_files(folder: Path, reconstruction: Reconstruction) -> list[OutputFile]:

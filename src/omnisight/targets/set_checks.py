@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from omnisight.cache import frames_folder
 from omnisight.images import ImageField
 from omnisight.targets.boards import Board
 from omnisight.targets.detections import Detection, ImageDetection
@@ -30,10 +31,12 @@ def with_duplicate_remarks(
         return remarked, []
     count = sum(bool(image.boards) for image in images)
     farthest = max(moved for _, moved in duplicates.values())
+    is_clip = frames_folder() in images[0].path.parents
+    video = "" if is_clip else ", or use the video itself, of which the most informative frames are selected"
     note = (
         f"{len(duplicates)} of {count} images with a board repeat another one (no corner moved by more than"
         f" {farthest:.1f} px): they add no information, and make uncertainties too small; move and tilt the board"
-        " between images, or use the video itself, of which the most informative frames are selected"
+        f" between images{video}"
     )
     return remarked, [note]
 
