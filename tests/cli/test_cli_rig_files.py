@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+import omnisight as om
 from omnisight.formats import load_rig, save
 from omnisight.images import write_image
 from omnisight.simulation.example_rigs import back_to_back, surround_car
@@ -39,6 +40,42 @@ def test_a_rig_whose_error_is_too_large_is_not_written(run, tmp_path):
     assert status == 2
     assert "front: " in err
     assert not (tmp_path / "k.yaml").exists()
+
+
+def test_the_proposed_angle_of_a_refused_conversion_is_accurate_for_all_cameras(run, tmp_path):
+    lenses = {name: om.fisheye(size, 180) for name, size in (("small", 240), ("large", 960), ("middle", 480))}
+    rig = om.Rig.from_sensors({name: (camera, om.Pose()) for name, camera in lenses.items()})
+    source = save(rig, tmp_path / "rig.json").path
+    command = (
+        "convert",
+        source,
+        "--to",
+        "native",
+        "--model",
+        "division",
+        "--max-error",
+        "0.5",
+        "-o",
+        tmp_path / "d.json",
+    )
+    status, _, err = run(*command)
+    assert status == 2
+    assert "omnisight: large: division cannot represent this equidistant camera to 127 degrees: " in err
+    assert "0.5 allowed; likewise small, middle. Nothing was written; try --max-theta " in err
+    angle = err.split("--max-theta ")[1].split(",")[0]
+    assert run(*command, "--max-theta", angle)[0] == 0
+    assert run(*command, "--max-theta", int(angle) + 2)[0] == 2
+
+
+@pytest.mark.parametrize("format", ["opencv", "ros", "orb_slam3"])
+def test_a_format_of_two_cameras_names_what_to_do_with_more(refuses, tmp_path, format):
+    camera = om.Camera(om.models.model_class("pinhole").example(), (640, 480))
+    rig = om.Rig.from_sensors({name: (camera, om.Pose(np.eye(3), [k, 0, 0])) for k, name in enumerate("abc")})
+    source = save(rig, tmp_path / "rig.json").path
+    err = refuses("convert", source, "--to", format, "-o", tmp_path / "c.yaml")
+    assert "holds two cameras, and the rig has 3 (a, b, c): save two of them (rig.subset(['a', 'b'])" in err
+    assert not (tmp_path / "c.yaml").exists()
+    assert len(rig.subset(["a", "b"])) == 2
 
 
 def test_convert_inverts_extrinsics(run, tmp_path):

@@ -96,7 +96,10 @@ def cameras_of(rig: Rig) -> dict[str, tuple[Camera, Pose]]:
 def pair_of(rig: Rig) -> tuple[tuple[Camera, Camera], Pose]:
     """Return the two cameras of a rig and the pose second_from_first; raise ValueError for another number."""
     if len(rig) != 2:
-        raise ValueError(f"holds two cameras, and the rig has {len(rig)} ({', '.join(rig.names)}): save a subset of it")
+        raise ValueError(
+            f"holds two cameras, and the rig has {len(rig)} ({', '.join(rig.names)}): save two of them"
+            f" (rig.subset({[*rig.names[:2]]}) in Python), or each without its pose (convert --name)"
+        )
     (first, _), (second, _) = cameras_of(rig).values()
     return (first, second), rig.with_reference(0).sensor_from_rig[1]
 

@@ -1,7 +1,7 @@
 """Conversion of calibration files: the counterpart of `omnisight convert`."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -90,8 +90,10 @@ def convert(path: str | Path, options: ConvertOptions) -> ConvertResult:
     if options.invert_extrinsics:
         raise ValueError(f"{path}: --invert-extrinsics is for rigs, and one camera is converted: leave it out")
     source = central_camera(path, name=options.name, distance=options.distance)
-    camera, conversion = convert_camera(source, target, options)
+    conversion = fit_model(source, target, options)
+    refuse_inaccurate({"": source}, [conversion], target, options)
     refuse_unused_angle([conversion], options)
+    camera = source if conversion is None else conversion.camera
     camera, notes = _flipped(camera, path) if options.flip else (camera, ())
     max_error = math.inf if options.force else options.max_error_px
     written = save(camera, output, format=options.format, max_error=max_error)
@@ -139,21 +141,31 @@ def refuse_unused_angle(conversions: Iterable[Conversion | None], options: Conve
         )
 
 
-def convert_camera(source: Camera, target: Format, options: ConvertOptions) -> tuple[Camera, Conversion | None]:
-    """Return the camera in a model of a format and its fit, None if the model did not change.
+def refuse_inaccurate(
+    sources: Mapping[str, Camera], conversions: Sequence[Conversion | None], target: Format, options: ConvertOptions
+) -> None:
+    """Raise an error if the model of a camera differs by more than `max_error_px`, unless `force`.
+
+    Parameters
+    ----------
+    sources
+        All cameras by name; one camera has no name, "".
+    conversions
+        Their fits; None if the model does not change.
 
     Raises
     ------
     ConversionError
-        If the model differs from the camera by more than `max_error_px`.
+        With the least accurate camera, and what would work for all of them.
     """
-    conversion = _fit(source, target, options)
-    if conversion is not None and not conversion.max_px <= options.max_error_px and not options.force:
-        raise ConversionError(_refusal(source, conversion, target, options), source, conversion)
-    return (source, None) if conversion is None else (conversion.camera, conversion)
+    fits = {name: fit for name, fit in zip(sources, conversions, strict=True) if fit is not None}
+    refused = {name: fit for name, fit in fits.items() if not fit.max_px <= options.max_error_px}
+    if refused and not options.force:
+        worst = max(refused, key=lambda name: refused[name].max_px)
+        raise ConversionError(_refusal(sources, refused, worst, target, options), sources[worst], refused[worst])
 
 
-def _fit(source: Camera, target: Format, options: ConvertOptions) -> Conversion | None:
+def fit_model(source: Camera, target: Format, options: ConvertOptions) -> Conversion | None:
     """Return the fit of the requested or the most accurate model of a format; None to keep the camera's model."""
     own = source.model.name
     if options.model is not None and options.model not in model_names():
@@ -184,30 +196,50 @@ def _can_hold(target: Format, camera: Camera) -> bool:
     return True
 
 
-def _refusal(source: Camera, conversion: Conversion, target: Format, options: ConvertOptions) -> str:
-    """Return a message with the error of a conversion and what would work: a narrower field of view, another model."""
-    name, own = conversion.camera.model.name, source.model.name
-    theta_max, max_px = _theta_max(options), options.max_error_px
-    worst = f"{math.degrees(conversion.worst_theta):.0f} degrees"
+def _refusal(
+    sources: Mapping[str, Camera],
+    refused: Mapping[str, Conversion],
+    worst: str,
+    target: Format,
+    options: ConvertOptions,
+) -> str:
+    """Return a message with the error of a conversion and what would work for all cameras: an angle, another model."""
+    conversion, max_px = refused[worst], options.max_error_px
+    angle = f"{math.degrees(conversion.worst_theta):.0f} degrees"
     error = (
-        f"{rounded(conversion.max_px, 3)} px off at {worst}"
+        f"{rounded(conversion.max_px, 3)} px off at {angle}"
         if conversion.max_px < math.inf
-        else f"no pixels past {worst}"
+        else f"no pixels past {angle}"
     )
+    others = ", ".join(name for name in refused if name != worst)
     suggestions: list[str] = []
-    limit = max_convertible_theta(source, name, max_px, theta_max=theta_max)
-    if limit is not None and math.degrees(limit) >= 1:
-        suggestions.append(f"--max-theta {math.floor(math.degrees(limit))}")
-    models = [own] if own in target.MODELS else []
-    others = [other for other in target.MODELS if other not in (name, own)]
-    if others:
-        ranked = rank_conversions(source, others, theta_max=theta_max)
-        models += [other.camera.model.name for other in ranked if other.max_px <= max_px]
+    limits = [
+        max_convertible_theta(sources[name], fit.camera.model.name, max_px, theta_max=_theta_max(options)) or 0.0
+        for name, fit in refused.items()
+    ]
+    if math.degrees(min(limits)) >= 1:
+        suggestions.append(f"--max-theta {math.floor(math.degrees(min(limits)))}")
+    accurate = [_accurate_models(source, target, options) for source in sources.values()]
+    models = [model for model in accurate[0] if all(model in of_camera for of_camera in accurate)]
     if models:
         suggestions.append(f"--model {' or '.join(models[:MAX_SUGGESTIONS])}")
     else:
         suggestions.append("--to native, which holds every model")
     return (
-        f"{name} cannot represent this {own} camera to {math.degrees(conversion.theta_max):.0f} degrees: {error},"
-        f" {max_px:g} allowed. Nothing was written; try {', '.join(suggestions)}, or --force"
+        f"{worst}{': ' * bool(worst)}{conversion.camera.model.name} cannot represent this"
+        f" {sources[worst].model.name} camera to {math.degrees(conversion.theta_max):.0f} degrees: {error},"
+        f" {max_px:g} allowed{f'; likewise {others}' * bool(others)}. Nothing was written; try"
+        f" {', '.join(suggestions)}, or --force"
     )
+
+
+def _accurate_models(source: Camera, target: Format, options: ConvertOptions) -> list[str]:
+    """Return the models of a format that represent a camera accurately: its own, then the most accurate ones."""
+    own = source.model.name
+    others = [name for name in target.MODELS if name != own]
+    try:
+        ranked = rank_conversions(source, others, theta_max=_theta_max(options))
+    except ValueError:  # none can be fitted
+        ranked = []
+    accurate = [fit.camera.model.name for fit in ranked if fit.max_px <= options.max_error_px]
+    return ([own] if own in target.MODELS else []) + accurate

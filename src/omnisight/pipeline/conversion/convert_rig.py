@@ -12,9 +12,9 @@ from omnisight.display import Displayed
 from omnisight.formats import FormatError, SaveResult, load_all, load_joined_rig, rig_format_names, save
 from omnisight.models.ocam import Ocam
 from omnisight.pipeline.conversion.convert import (
-    ConversionError,
-    convert_camera,
     converted_file,
+    fit_model,
+    refuse_inaccurate,
     refuse_unused_angle,
     target_format,
 )
@@ -64,7 +64,8 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     Raises
     ------
     ConversionError
-        If the model of a camera differs by more than `max_error_px`; the message names the camera.
+        If the model of a camera differs by more than `max_error_px`; the message names the cameras, and what would
+        work for all of them.
     ValueError
         If the format holds no rigs, a file cannot be read or written or is the output, or a model cannot be fitted.
     """
@@ -88,21 +89,19 @@ def convert_rig(path: str | Path | Sequence[str | Path], options: ConvertOptions
     if Ocam.name not in target.MODELS or options.model not in (None, Ocam.name):
         source = with_upright_ocam(source)
     is_central = all(isinstance(sensor, Camera) for sensor in source.cameras)
-    cameras: list[Camera] = []
+    centrals: dict[str, Camera] = {}
     conversions: list[Conversion | None] = []
     for name, sensor in zip(source.names, source.cameras, strict=True):
         distance = options.distance if is_central or not isinstance(sensor, Camera) else None
-        central = central_approximation(sensor, distance, f"{path}, {name}")
+        centrals[name] = central_approximation(sensor, distance, f"{path}, {name}")
         try:
-            camera, conversion = convert_camera(central, target, options)
-        except ConversionError as error:
-            raise ConversionError(f"{name}: {error}", error.source, error.conversion) from error
+            conversions.append(fit_model(centrals[name], target, options))
         except ValueError as error:
             raise ValueError(f"{path}: {name}: {error}") from error
-        cameras.append(camera)
-        conversions.append(conversion)
+    refuse_inaccurate(centrals, conversions, target, options)
     refuse_unused_angle(conversions, options)
-    converted = dataclasses.replace(source, cameras=tuple(cameras))
+    pairs = zip(centrals.values(), conversions, strict=True)
+    converted = dataclasses.replace(source, cameras=tuple(c if fit is None else fit.camera for c, fit in pairs))
     max_error = math.inf if options.force else options.max_error_px
     written = save(converted, output, format=options.format, max_error=max_error)
     return ConvertRigResult(source, converted, tuple(conversions), written, target.CONVENTION)
