@@ -238,6 +238,33 @@ def test_a_file_of_several_cameras_has_those_of_all_names(tmp_path):
         CameraSources.of({"front": tmp_path / "rig.json", "left": tmp_path / "rig.json"}, None, None)
 
 
+@pytest.mark.parametrize("command", ["reconstruct", "map"])
+@pytest.mark.parametrize("name", ["points.ply", "1/poses.csv", "colmap/cameras.txt"])
+def test_files_that_are_not_of_a_reconstruction_are_not_replaced(refuses, images, tmp_path, command, name):
+    file = tmp_path / "model" / name
+    file.parent.mkdir(parents=True)
+    file.write_text("a scan")
+    error = refuses(command, images, "-o", tmp_path / "model")
+    assert f"{file}: would be replaced, and the folder has no reconstruction.npz" in error
+    assert file.read_text() == "a scan"
+    assert [path for path in (tmp_path / "model").rglob("*") if path.is_file()] == [file]
+
+
+@pytest.mark.parametrize("is_interrupted", [False, True])
+def test_files_of_an_earlier_reconstruction_are_replaced_and_others_kept(run, images, tmp_path, is_interrupted):
+    model = tmp_path / "model"
+    model.mkdir()
+    (model / "notes.txt").write_text("of the room")
+    assert run("reconstruct", images, "-o", model)[0] == 0
+    (model / "points.ply").write_text("damaged")
+    if is_interrupted:  # before the last file was written
+        (model / "reconstruction.npz").unlink()
+        (model / "work").mkdir()
+    assert run("reconstruct", images, "-o", model)[0] == 0
+    assert (model / "points.ply").read_bytes().startswith(b"ply\n")
+    assert (model / "notes.txt").read_text() == "of the room"
+
+
 def test_a_file_in_place_of_the_output_folder_is_refused(refuses, images, tmp_path):
     (tmp_path / "model").touch()
     for command in ("reconstruct", "map"):

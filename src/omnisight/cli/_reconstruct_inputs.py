@@ -62,8 +62,12 @@ def run_on_images(
     from omnisight.images.ros_bag import is_bag
     from omnisight.images.video import is_clip
     from omnisight.pipeline.reconstruction.clip_frames import extract_frames
+    from omnisight.reconstructions import refuse_other_files
 
     check_output_folder(output, [images, *(folders_with_images(images) if images.is_dir() else ())])
+    if not (output / WORK).is_dir():  # an interrupted run may have written some of its files
+        for folder in (output, *(each for each in output.glob("[0-9]*") if each.name.isdecimal())):
+            refuse_other_files(folder)
     has_topic = is_bag(images, options.topic)
     if has_topic and rig is not None:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")

@@ -10,6 +10,7 @@ from omnisight.reconstructions._registry import (
     get_reconstruction_format,
     read_reconstruction,
     reconstruction_format_names,
+    refuse_other_files,
     remove_reconstruction,
     write_reconstruction,
 )
@@ -23,6 +24,7 @@ __all__ = [
     "marker_size",
     "read_reconstruction",
     "reconstruction_format_names",
+    "refuse_other_files",
     "remove_reconstruction",
     "up_direction",
     "write_reconstruction",

@@ -97,6 +97,25 @@ def write_reconstruction(folder: str | Path, reconstruction: Reconstruction) -> 
         raise ReconstructionError(f"{folder}: {error}") from error
 
 
+def refuse_other_files(folder: str | Path) -> None:
+    """Raise if `write_reconstruction` would replace files of a folder without a reconstruction.
+
+    Raises
+    ------
+    ReconstructionError
+        With the first of these files.
+    """
+    folder = Path(folder)
+    if (folder / native.FILE).is_file():
+        return
+    for name in FILES:
+        if (folder / name).exists():
+            raise ReconstructionError(
+                f"{folder / name}: would be replaced, and the folder has no {native.FILE}, so that it is not of a"
+                " reconstruction: choose another output folder, or delete the file"
+            )
+
+
 def remove_reconstruction(folder: str | Path) -> None:
     """Delete the files of a reconstruction in a folder, and the folder if it is then empty; others are kept."""
     folder = Path(folder)
