@@ -162,7 +162,7 @@ def test_the_first_complete_row_of_an_image_is_used_and_repeated_rows_are_report
     found = read_positions(table, files)
     assert found.positions.tolist() == [[1, 2, 3], [4, 5, 6], [0, 0, 0]]
     assert found.warnings == (
-        f"{table}: 0.png and 1 more images have several lines: one of each is used, of 0.png line 3",
+        f"{table}: 2 images, the first is 0.png, have several lines: the first complete one is used, of 0.png line 3",
     )
 
 

@@ -142,7 +142,7 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
     for i, name in enumerate(files.names):
         by_file.setdefault(PurePosixPath(name).name, []).append(i)
     images = by_file | {name: [i] for i, name in enumerate(files.names)}
-    rows_of_image, unknown = dict[int, list[_Row]](), list[_Row]()
+    rows_of_image, unknown = dict[int, list[_Row]](), list[tuple[int, str]]()
     for line, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
@@ -150,9 +150,12 @@ def _read_table(path: Path, files: ImageSet) -> KnownPositions:
         found = images.get(name, [])
         if len(found) > 1:
             raise ValueError(f"{path}, line {line}: {_ambiguous(name, files, found)}")
-        cells = [row[c] if c < len(row) else "" for c in columns] if found else []
-        numbers = _position(cells, kind, delimiter, f"{path}, line {line}") if found else np.array([])
-        (rows_of_image.setdefault(found[0], []) if found else unknown).append(_Row(line, name, numbers))
+        if not found:
+            unknown.append((line, name))
+            continue
+        cells = [row[c] if c < len(row) else "" for c in columns]
+        numbers = _position(cells, kind, delimiter, f"{path}, line {line}")
+        rows_of_image.setdefault(found[0], []).append(_Row(line, name, numbers))
     used = {i: max(rows, key=lambda row: np.isfinite(row.numbers).sum()) for i, rows in rows_of_image.items()}
     positions = np.full((len(files), 3), np.nan)
     for i, row in used.items():
@@ -182,14 +185,13 @@ def _position(cells: Sequence[str], kind: Sequence[str], delimiter: str, where: 
     return numbers
 
 
-def _rows_of_unknown_images(path: Path, rows: Sequence[_Row], files: ImageSet) -> tuple[str, ...]:
-    """Return the warning that rows are of images that are not among those of the reconstruction."""
+def _rows_of_unknown_images(path: Path, rows: Sequence[tuple[int, str]], files: ImageSet) -> tuple[str, ...]:
+    """Return the warning that rows, lines and names, are of images that are not among those of the reconstruction."""
     if not rows:
         return ()
-    which = f"line {rows[0].line} is" if len(rows) == 1 else f"{len(rows)} lines, the first is {rows[0].line}, are"
-    return (
-        f"{path}: {which} not used: there is no image {rows[0].name!r:.80}; the first image is {files.names[0]!r:.80}",
-    )
+    line, name = rows[0]
+    which = f"line {line} is" if len(rows) == 1 else f"{len(rows)} lines, the first is {line}, are"
+    return (f"{path}: {which} not used: there is no image {name!r:.80}; the first image is {files.names[0]!r:.80}",)
 
 
 def _repeated_rows(path: Path, rows: Mapping[int, Sequence[_Row]], used: Mapping[int, _Row]) -> tuple[str, ...]:
@@ -197,9 +199,9 @@ def _repeated_rows(path: Path, rows: Mapping[int, Sequence[_Row]], used: Mapping
     repeated = [image for image in rows if len(rows[image]) > 1]
     if not repeated:
         return ()
-    first = used[repeated[0]]
-    others = f" and {len(repeated) - 1} more images have" if len(repeated) > 1 else " has"
-    return (f"{path}: {first.name}{others} several lines: one of each is used, of {first.name} line {first.line}",)
+    name, line = used[repeated[0]].name, used[repeated[0]].line
+    which = f"{name} has" if len(repeated) == 1 else f"{len(repeated)} images, the first is {name}, have"
+    return (f"{path}: {which} several lines: the first complete one is used, of {name} line {line}",)
 
 
 def _unused_rows(path: Path, lines: Sequence[int], kind: Sequence[str]) -> tuple[str, ...]:
