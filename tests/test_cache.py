@@ -85,7 +85,7 @@ def test_detections_that_were_last_used_are_kept(folder, monkeypatch):
 
 def test_frames_of_clips_that_were_not_used_for_a_day_are_removed(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(frame_selection, "MAX_CLIPS", 2)
-    monkeypatch.setattr(frame_selection, "cache_folder", cache.cache_folder)
+    monkeypatch.setattr(frame_selection, "frames_folder", cache.frames_folder)
     files = []
     for i in range(3):
         clip = write_clip(tmp_path / f"{i}.avi", [np.full((48, 64, 3), 40 * i + frame, np.uint8) for frame in range(3)])

@@ -141,8 +141,9 @@ def test_wheels_determine_the_scale(motion):
 
 @pytest.mark.parametrize(("unit", "expected"), [("m", False), ("squares", True)])
 def test_a_rig_without_metres_takes_the_scale_of_another_source(unit, expected):
-    tracking = SimpleNamespace(has_scale=True, rig=SimpleNamespace(unit=unit), lost=(), extrapolated_from=None)
-    known = SimpleNamespace(apply=lambda poses, lost, loops: "in metres")
+    rig = SimpleNamespace(unit=unit)
+    tracking = SimpleNamespace(has_scale=True, rig=rig, trajectory=(), lost=(), extrapolated_from=None)
+    known = SimpleNamespace(apply=lambda poses, lost, loops: "in metres", correct=lambda before, after: None)
     assert (_in_metres(tracking, LoopClosure(()), known) == "in metres") == expected
 
 
