@@ -104,8 +104,8 @@ def detect_features(
         mask = np.asarray(to_numpy(mask))
         _check_size("mask", mask, camera)
     gray = to_gray8(image)
-    circle = None if _has_known_field(camera) else illuminated_region(gray, camera)
-    gray = _brightened(gray, valid_region(camera) if circle is None else circle)
+    valid = illuminated_region(gray, camera)
+    gray, circle = _brightened(gray, valid), None if _has_known_field(camera) else valid
     detector = DETECTORS[options.kind]
     surface = tangent_views if options.surface == "views" else whole_image
     views = surface(camera, options.max_resolution)

@@ -32,7 +32,7 @@ def with_duplicate_remarks(
     count = sum(bool(image.boards) for image in images)
     farthest = max(moved for _, moved in duplicates.values())
     is_clip = frames_folder() in images[0].path.parents
-    video = "" if is_clip else ", or use the video itself, of which the most informative frames are selected"
+    video = "" if is_clip else ", or use the video itself: its most informative frames are selected"
     note = (
         f"{len(duplicates)} of {count} images with a board repeat another one (no corner moved by more than"
         f" {farthest:.1f} px): they add no information, and make uncertainties too small; move and tilt the board"

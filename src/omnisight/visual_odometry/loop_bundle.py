@@ -1,4 +1,4 @@
-"""Global bundle adjustment of keyframes, after loops have been closed."""
+"""Global bundle adjustment of keyframes, with the loops that were closed."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

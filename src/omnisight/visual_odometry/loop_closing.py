@@ -20,8 +20,7 @@ ALL_WRONG = "places look alike, but their poses contradict the trajectory"
 def close_loops(history: KeyframeHistory, trajectory: Sequence[TrackedPose], *, has_scale: bool) -> LoopClosure:
     """Detect places that were seen before, and refine all keyframes together, given these loops.
 
-    Without loops, too, global bundle adjustment decreases the errors, because it removes outliers by all rays and
-    linearizes each at the final poses: see the table in docs/guide/odometry.md.
+    Global bundle adjustment decreases the errors without loops, too: see the table in docs/guide/odometry.md.
 
     Parameters
     ----------
