@@ -21,12 +21,23 @@ class Options(Displayed):
 
     def __post_init__(self) -> None:
         """Make paths of strings; raise ValueError if a value is not one of the choices of its field."""
-        for field in dataclasses.fields(self):  # pyright: ignore[reportArgumentType]
-            value, choices = getattr(self, field.name), _choices(field.type)
-            if Path in (field.type, *get_args(field.type)):
-                object.__setattr__(self, field.name, _as_paths(value, is_tuple=get_origin(field.type) is tuple))
+        for name, choices, is_path, is_tuple in _checked_fields(type(self)):
+            value = getattr(self, name)
+            if is_path:
+                object.__setattr__(self, name, _as_paths(value, is_tuple=is_tuple))
             if choices and value is not None and value not in choices:
-                raise ValueError(f"--{field.name.replace('_', '-')}: {unknown_name('choice', value, choices)}")
+                raise ValueError(f"--{name.replace('_', '-')}: {unknown_name('choice', value, choices)}")
+
+
+@cache
+def _checked_fields(options: type) -> list[tuple[str, tuple[str, ...], bool, bool]]:
+    """Return the name and choices of fields with choices or paths, whether they are paths, and whether several."""
+    fields = []
+    for field in dataclasses.fields(options):
+        choices, is_path = _choices(field.type), Path in (field.type, *get_args(field.type))
+        if choices or is_path:
+            fields.append((field.name, choices, is_path, get_origin(field.type) is tuple))
+    return fields
 
 
 def _as_paths(value: Any, *, is_tuple: bool) -> Any:
@@ -37,7 +48,6 @@ def _as_paths(value: Any, *, is_tuple: bool) -> Any:
     return Path(value) if isinstance(value, str) else value
 
 
-@cache
 def _choices(kind: Any) -> tuple[str, ...]:
     """Return the choices of a type that is Literal, or Literal or None; none of other types."""
     parts = [kind] if get_origin(kind) is Literal else [part for part in get_args(kind) if part is not NoneType]

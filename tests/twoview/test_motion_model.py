@@ -4,6 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from benchmarks.twoview_scenes import Cell
 from scenes import Scene, normalized_squares, step_between, unit
 
 import omnisight as om
@@ -88,6 +89,20 @@ def test_a_rotation_has_no_translation_and_a_true_covariance():
         covariances.append(found.covariance[:3, :3])
     # The mean of 100 chi-squared variables of three degrees of freedom has the standard deviation 0.08.
     assert 0.76 < normalized_squares(steps, covariances, 3).mean() < 1.24
+
+
+def test_a_rotation_with_few_inliers_is_recognized_in_all_of_many_pairs():
+    for seed in range(365, 385):
+        a, b, *_ = Rotation(190, 0.7, count=200).pairs(seed)
+        assert om.relative_pose(a, b, sigma_deg=0.05).motion.name == "rotation only", seed
+
+
+def test_a_translation_along_a_plane_in_a_narrow_field_of_view_is_not_a_rotation():
+    """Two thirds of the inliers agree with a rotation that is wrong by 8°."""
+    a, b, truth = Cell("plane", 60, 0.7, 0.2).pair(1065)
+    found = om.relative_pose(a, b, sigma_deg=0.2)
+    assert found.motion.name == "insufficient parallax"
+    assert np.degrees(np.linalg.norm(step_between(found.b_from_a, truth)[:3])) < 1.0
 
 
 @pytest.mark.parametrize("fov_deg", [60, 190])

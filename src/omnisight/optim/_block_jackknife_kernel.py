@@ -6,7 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.optim._eigen_kernel import solve_least_norm
+from omnisight.optim._eigen_kernel import pseudo_inverse
 from omnisight.optim._normal_equations_kernel import add_observation
 
 
@@ -37,7 +37,7 @@ def deletion_variance(residuals, jacobians, positions, halvings):
     information, total = informations.sum(axis=0), 0.0
     for b in range(blocks):
         # The change of the estimate without the block; what only this block determines does not change.
-        change = solve_least_norm(information - informations[b], gradients[b])
+        change = pseudo_inverse(information - informations[b]) @ gradients[b]
         total += (change * (information @ change)).sum()
     return total * (1.0 - 1.0 / blocks) / parameters
 

@@ -6,7 +6,7 @@
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
-from omnisight.optim._eigen_kernel import inverse_root, symmetric_eigen, times_gram
+from omnisight.optim._eigen_kernel import matrix_of, pseudo_inverse, symmetric_eigen
 from omnisight.optim._normal_equations_kernel import add_observation
 from omnisight.optim._robust_problem_kernel import feature, linearize, outlier_density, retract, sizes
 
@@ -77,8 +77,7 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     squares, probability = np.empty(count), np.zeros(count)
     share, density = np.empty(count), np.empty(count)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
-    root, leverage = np.empty((parameters, parameters)), np.zeros(count)
-    normalized, variance = np.empty(count), np.empty(count)
+    leverage, normalized, variance = np.zeros(count), np.empty(count), np.empty(count)
     offset, neighbours = np.zeros(parameters), _order_by_feature(problem, model)
     _linearize_all(problem, model, residuals, jacobians, squares)
     is_converged = False
@@ -91,9 +90,9 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
             break
         _fill_normal_equations(residuals, jacobians, probability, gradient, information)
         information += prior
-        inverse_root(information, root)
-        _fill_leverage(jacobians, squares, root, leverage)
-        step = -times_gram(root, gradient + prior @ offset)
+        covariance = pseudo_inverse(information)
+        _fill_leverage(problem, jacobians, squares, covariance, leverage)
+        step = -covariance @ (gradient + prior @ offset)
         retract(problem, model, step)
         offset += step
         _linearize_all(problem, model, residuals, jacobians, squares)
@@ -104,14 +103,14 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         is_converged = is_small_step and abs(scale - before) <= TOLERANCE * before
     evidence = _evidence(squares, dimension, scale, (share, measured)) - 0.5 * offset @ prior @ offset
     _fill_normal_equations(residuals, jacobians, probability / scale**2, gradient, information)
-    covariance, known, found = _covariance(information + prior, root), np.empty(count), np.empty_like(information)
+    covariance, known, found = _covariance(information + prior), np.empty(count), np.empty_like(information)
     for _ in range(MAX_ROUNDS):
-        _fill_leverage(jacobians, squares, root, leverage)
+        _fill_leverage(problem, jacobians, squares, covariance, leverage)
         _fill_known(normalized * variance, leverage, (dimension, scale), (share, density), known)
         _fill_normal_equations(residuals, jacobians, known, gradient, found)
         change = (covariance * (found - information)).sum()
         information += (found - information) / (1.0 + abs(change))  # remains positive
-        covariance = _covariance(information + prior, root)
+        covariance = _covariance(information + prior)
         if abs(change) < TOLERANCE:
             break
     return model, probability, scale, covariance, evidence
@@ -128,18 +127,18 @@ def _linearize_all(problem, model, residuals, jacobians, squares):
 
 
 @njit_helper
-def _fill_leverage(jacobians, squares, root, leverage):
-    """Fill the variance (N,) of residuals that is due to the model, mean over their components."""
-    _, dimension, parameters = jacobians.shape
+def _fill_leverage(problem, jacobians, squares, covariance, leverage):
+    """Fill the variance J C J^T (N,) of residuals that is due to the model, mean over their components."""
+    _, _, dimension, parameters = sizes(problem)
     for i in range(len(leverage)):
         leverage[i] = 0.0
         if np.isfinite(squares[i]):
             for d in range(dimension):
-                for k in range(parameters):
-                    along = 0.0
-                    for c in range(parameters):
-                        along += root[k, c] * jacobians[i, d, c]
-                    leverage[i] += along**2 / dimension
+                for r in range(parameters):
+                    product = 0.5 * covariance[r, r] * jacobians[i, d, r]
+                    for c in range(r):
+                        product += covariance[r, c] * jacobians[i, d, c]
+                    leverage[i] += 2.0 * product * jacobians[i, d, r] / dimension
 
 
 @njit_helper
@@ -266,20 +265,15 @@ def _scale(squares, dimension, probability, parameters):
 
 
 @njit_helper
-def _covariance(information, root):
-    """Return the inverse B^T B of an observed information (P, P), whose eigenvalues are not always positive; fill B.
+def _covariance(information):
+    """Return the inverse of an observed information (P, P), whose eigenvalues are not always positive.
 
     An unobservable step has a huge variance, not zero as in a pseudo-inverse.
     """
     size = len(information)
-    values, covariance = np.empty(size), np.zeros((size, size))
-    symmetric_eigen(information.copy(), values, root)
+    values, vectors = np.empty(size), np.empty((size, size))
+    symmetric_eigen(information.copy(), values, vectors)
     least = max(values[size - 1] * MIN_INFORMATION, np.finfo(np.float64).tiny)
     for k in range(size):
-        factor = 1.0 / np.sqrt(max(values[k], least))
-        for i in range(size):
-            root[k, i] *= factor
-        for i in range(size):
-            for j in range(size):
-                covariance[i, j] += root[k, i] * root[k, j]
-    return covariance
+        values[k] = 1.0 / max(values[k], least)
+    return matrix_of(values, vectors)

@@ -30,8 +30,8 @@ PROMISING_GAIN = 0.8
 MIN_ITERATIONS = 50
 # Local optimization: rounds of reweighting, the first with this many times the threshold (Lebeda, Matas, Chum 2012).
 LOCAL_ROUNDS, LOCAL_WIDENING = 4, 4.0
-# Observations of the rounds before the last one, per parameter of the model (Lebeda et al. limit them to 7 inliers).
-LOCAL_OBSERVATIONS = 30
+# Observations of the rounds before the last one (Lebeda et al. limit them to 7 inliers per observation of a sample).
+LOCAL_OBSERVATIONS = 150
 
 
 @njit_driver
@@ -146,11 +146,10 @@ def _score(problem, model, count, threshold, limit, share, chance):
 @njit_helper
 def _locally_optimized(problem, model, count, threshold):
     """Return a model refined with a threshold that shrinks to the final one, and its truncated cost."""
-    _, _, _, parameters = sizes(problem)
     model, weights = model.copy(), np.empty(count)
     for k in range(LOCAL_ROUNDS):
         width = threshold * LOCAL_WIDENING ** (1.0 - k / (LOCAL_ROUNDS - 1.0))
-        used = count if k == LOCAL_ROUNDS - 1 else min(count, LOCAL_OBSERVATIONS * parameters)
+        used = count if k == LOCAL_ROUNDS - 1 else min(count, LOCAL_OBSERVATIONS)
         for i in range(used):
             error = squared_error(problem, model, i, i)
             weights[i] = (1.0 - error / width) ** 2 if error < width else 0.0

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 # The search is repeated with the estimated noise if that is below this fraction of the assumed one, at most so often.
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
+# Smallest noise, as a fraction of the assumed one: residuals of exact correspondences are rounding.
+MIN_NOISE_RATIO = 1e-6
 # Correspondences beyond a minimal sample that are needed to distinguish inliers from outliers.
 MIN_REDUNDANCY = 3
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
@@ -112,8 +114,8 @@ def estimate_robustly(
         if not np.isfinite(found.model).all():
             return _failure(count, "no model is consistent with a sample of the correspondences", iterations)
         fit = refine(problem, found.model, is_scale_known=is_scale_known)
-        scale *= fit.scale
-        if fit.scale > MAX_NOISE_RATIO or searches == MAX_SEARCHES:
+        scale = max(scale * fit.scale, MIN_NOISE_RATIO)
+        if fit.scale > MAX_NOISE_RATIO or scale == MIN_NOISE_RATIO or searches == MAX_SEARCHES:
             break
     if not is_scale_known:
         problem = permuted(problem_of_scale(scale), order)
@@ -155,7 +157,7 @@ def _alternative_reason(problem: Any, model: Array, options: RansacOptions) -> s
     threshold = THRESHOLDS[dimension]
     squares = squared_errors(problem, model)
     support, others = int((squares <= threshold).sum()), permuted(problem, np.flatnonzero(squares > MIN_DISAGREEMENT))
-    least = sample_size + _least_support(support - sample_size)
+    least = sample_size + _least_support(max(support - sample_size, 0))
     if len(others[0]) < least:
         return ""
     needed = samples_needed.py_func(least / len(others[0]), sample_size, ALTERNATIVE_CONFIDENCE)

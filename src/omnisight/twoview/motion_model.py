@@ -10,7 +10,7 @@ from omnisight.display import Displayed
 from omnisight.geometry import rotation as so3
 from omnisight.optim.ransac import RansacOptions, ransac
 from omnisight.optim.refinement import THRESHOLDS
-from omnisight.optim.robust_estimation import RobustEstimate, estimate_robustly
+from omnisight.optim.robust_estimation import MAX_CHANCE_GAIN, RobustEstimate, estimate_robustly
 from omnisight.twoview.bearing_pairs import BearingPairs
 
 Array = NDArray[np.float64]
@@ -78,10 +78,11 @@ def select_motion(
 ) -> MotionSelection:
     """Select the motion model of pairs with known noise.
 
-    The motion is a rotation only if the parallax is near its noise and contains no significant translation: the noise
-    that was estimated with the general motion, which fits some of it, is too low for a comparison of both. A plane and
-    a general motion are compared by the geometric robust information criterion (P. Torr, An assessment of information
-    criteria for motion model selection, CVPR 1997).
+    The motion is a rotation only if the parallax is near its noise, contains no significant translation, and a plane
+    does not explain significantly more pairs: the noise that was estimated with the general motion, which fits some of
+    it, is too low for a comparison of both. In a narrow field of view, a translation along a plane is nearly a
+    rotation. A plane and a general motion are compared by the geometric robust information criterion (P. Torr, An
+    assessment of information criteria for motion model selection, CVPR 1997).
 
     Parameters
     ----------
@@ -98,19 +99,21 @@ def select_motion(
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
-    if general.has_alternative_model:
-        return MotionSelection(MotionModel("ambiguous", general.reason))
     if general.model is None:
-        return _rotation_model(pairs, options)
+        found = _rotation_model(pairs, options)
+        # All general motions with the rotation agree with a rotation only, so that there is a second one.
+        if general.has_alternative_model and not _explains_all(found.rotation, general.inliers):
+            return MotionSelection(MotionModel("ambiguous", general.reason))
+        return found
     search = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
     _, parallax = _best(RotationProblem.of(inliers), search)
+    homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
     ratio = float(np.sqrt(np.sort(parallax)[: int(np.ceil(MAX_CHANCE_QUANTILE * len(inliers)))].mean()))
-    if ratio < MIN_PARALLAX_RATIO:
+    if ratio < MIN_PARALLAX_RATIO and not _have_more_support(squares_of_plane, parallax):
         found = _rotation_model(pairs, options)
         rotation = found.rotation
         if rotation and rotation.model is not None and not has_translation(pairs[rotation.inliers], rotation.model):
             return found
-    homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
     squares = squared_residuals(RelativePoseProblem.of(inliers), general.model)
     is_plane = information_criterion(squares_of_plane, *PLANE) < information_criterion(squares, *GENERAL)
     name, figure = "general", f"rms parallax {ratio:.1f} times its noise"
@@ -190,6 +193,22 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
 
     found = ransac(problem, THRESHOLDS[2], options)
     return found.model, squared_residuals(problem, found.model)
+
+
+def _explains_all(rotation: RobustEstimate | None, inliers: NDArray[np.bool_]) -> bool:
+    """Return whether a rotation was found with at least as many inliers as another motion has."""
+    return rotation is not None and rotation.model is not None and rotation.inliers.sum() >= inliers.sum()
+
+
+def _have_more_support(squares: Array, others: Array) -> bool:
+    """Return whether significantly more pairs agree with a model than with another one, given squared residuals (N,).
+
+    Only the pairs that agree with one of them count (Q. McNemar, Note on the sampling error of the difference between
+    correlated proportions or percentages, Psychometrika 1947).
+    """
+    agree, others_agree = squares <= THRESHOLDS[2], others <= THRESHOLDS[2]
+    more, less = int((agree & ~others_agree).sum()), int((others_agree & ~agree).sum())
+    return more - less > MAX_CHANCE_GAIN * np.sqrt(more + less)
 
 
 def _rotation_model(pairs: BearingPairs, options: RansacOptions) -> MotionSelection:

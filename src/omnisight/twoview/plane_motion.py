@@ -31,6 +31,9 @@ MIN_SHARE_IN_FRONT = 0.95
 MIN_SINE = 1e-12
 # Probability of a motion above which the other one is excluded.
 MIN_PROBABILITY = 0.999
+# Unit vectors e, and the matrices e x, by which small rotations about them change a vector.
+AXES = np.eye(3)
+GENERATORS = so3.hat(AXES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +121,7 @@ def _decomposed(plane: Refinement, bearings: Array) -> Iterator[tuple[Pose, Arra
             continue
         by_motion = _homography_by_motion(motion[:, :3], sign * motion[:, 3], sign * normal)
         columns = np.column_stack([by_motion, model.ravel()])
-        by_element = np.delete(np.linalg.inv(columns)[:6], np.abs(model).argmax(), axis=1)
+        by_element = np.linalg.inv(columns)[:6, np.arange(9) != np.abs(model).argmax()]
         by_element = scale * tangent_basis(pose).T @ by_element
         yield pose, by_element @ plane.covariance @ by_element.T
 
@@ -130,9 +133,9 @@ def _homography_by_motion(rotation: Array, translation: Array, normal: Array) ->
     """
     from omnisight.twoview._small_vectors_kernel import perpendiculars
 
-    axes, tangents = np.eye(3), np.array(perpendiculars.py_func(normal))
-    turns = so3.hat(axes) @ rotation
-    shifts = float(np.linalg.norm(translation)) * axes[:, :, None] * normal
+    tangents = np.array(perpendiculars.py_func(normal))
+    turns = GENERATORS @ rotation
+    shifts = float(np.linalg.norm(translation)) * AXES[:, :, None] * normal
     tilts = translation[:, None] * tangents[:, None, :]
     return np.concatenate([turns, shifts, tilts]).reshape(8, 9).T
 
