@@ -2,6 +2,7 @@
 
 import json
 import time
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -99,16 +100,26 @@ def test_ctrl_c_is_the_usual_end(run, walk, monkeypatch):
     assert result
 
 
-def test_code_is_loaded_before_the_camera_is_opened(walk, monkeypatch):
+def test_code_is_loaded_between_the_check_of_the_camera_and_its_first_image(walk, monkeypatch):
     steps = []
     opened = LiveCamera.__init__
     monkeypatch.setattr(LiveCamera, "__init__", lambda *a, **b: (steps.append("opened"), opened(*a, **b))[1])
     camera = om.load(walk / "camera.json")
     options = om.OdometryOptions(loops=False)
     live_odometry(str(walk / "clip.avi"), camera, options, None, lambda *_: None, lambda *report: steps.append(report))
-    assert steps[0][:2] == ("loading code before the first image", 0)
-    assert [step[1] == step[2] for step in steps if step != "opened"] == [False] * (len(steps) - 2) + [True]
-    assert steps[-1] == "opened"
+    assert steps[1][:2] == ("loading code before the first image", 0)
+    assert [step[1] == step[2] for step in steps if step != "opened"] == [False] * (len(steps) - 3) + [True]
+    assert steps[0] == steps[-1] == "opened"
+
+
+def test_a_camera_that_does_not_fit_is_refused_before_code_is_loaded(walk):
+    camera, steps = om.load(walk / "camera.json"), []
+    watch = [lambda *_: None, lambda *report: steps.append(report)]
+    with pytest.raises(ValueError, match="is it connected"):
+        live_odometry(99, camera, om.OdometryOptions(), None, *watch)
+    with pytest.raises(ValueError, match="the image is 400x300, the camera 123x45"):
+        live_odometry(str(walk / "clip.avi"), replace(camera, size=(123, 45)), om.OdometryOptions(), None, *watch)
+    assert not steps
 
 
 def test_the_terminal_shows_that_code_is_loaded(monkeypatch, capsys):

@@ -63,8 +63,14 @@ class LiveCamera:
         self._source = _Connected(source) if isinstance(source, int) else _Played(source, upright)
         self.label, self.size, self.dropped = self._source.label, self._source.size, 0
 
+    def close(self) -> None:
+        """Release the camera or the clip."""
+        self._source.close()
+
     def frames(self) -> Generator[CameraFrame]:
-        """Read frames until the camera ends; those that arrive while one is processed are dropped but the newest.
+        """Read frames until the camera ends, and release it.
+
+        Of those that arrive while one is processed, all but the newest are dropped.
 
         Raises
         ------
@@ -92,7 +98,7 @@ class LiveCamera:
             ended.set()
             _empty(newest)  # the thread may wait to add the end
             thread.join(TIMEOUT_S)
-            self._source.close()
+            self.close()
 
     def _read(self, newest: "queue.Queue[Timed | None]", ended: threading.Event) -> None:
         """Replace the frame in the queue by each new one; None at the end."""

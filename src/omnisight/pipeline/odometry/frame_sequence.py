@@ -95,6 +95,11 @@ class FrameSequence:
         camera = LiveCamera(int(source) if source.isdigit() else Path(source), upright=options.apply_exif)
         return cls((), (), camera.label, camera=camera)
 
+    def close(self) -> None:
+        """Release the camera."""
+        if self.camera is not None:
+            self.camera.close()
+
     @classmethod
     def open(cls, source: Path, cameras: tuple[str, ...], options: SequenceOptions) -> "FrameSequence":
         """List the frames of a folder, a clip or a bag.

@@ -95,8 +95,9 @@ def live_odometry(
 ) -> OdometryResult:
     """Compute the trajectory of a connected camera while it moves; Ctrl-C ends it.
 
-    The code is loaded before the camera is opened, which takes seconds: frames that arrived meanwhile would be lost.
-    Frames that arrive while an earlier one is processed are dropped, and counted in the result.
+    The camera is opened to check it, and again after the code is loaded, which takes seconds: frames that arrived
+    meanwhile would be lost. Frames that arrive while an earlier one is processed are dropped, and counted in the
+    result.
 
     Parameters
     ----------
@@ -122,11 +123,12 @@ def live_odometry(
         raise ValueError("--fps and --topic are for files: leave them out with --live")
     _refuse_inputs(output, [source, camera], options)
     sources = CameraSources.of(camera, None, None, options.name)
-    for calibrated in sources.sources:
-        if isinstance(calibrated, Camera):
-            warm_up(calibrated, options, progress)
     sequence = FrameSequence.live(str(source), options)
-    return _run(sequence, _body(sources, sequence, options), options, output, watch, progress)
+    body = _body(sources, sequence, options)
+    sequence.close()
+    if isinstance(body, Camera):
+        warm_up(body, options, progress)
+    return _run(FrameSequence.live(str(source), options), body, options, output, watch, progress)
 
 
 def _run(
