@@ -25,49 +25,57 @@ FPS = 10.0
 
 @dataclass(frozen=True)
 class RenderedSequence:
-    """A rendered sequence: scene, camera and number of images."""
+    """A rendered sequence: scene, camera, number of images, and their width, px."""
 
     scene: str
     camera: str
     count: int
+    width: int
 
     @property
     def name(self) -> str:
         return f"{self.scene}-{self.camera}"
 
+    @property
+    def body(self) -> om.Camera | om.Rig:
+        """The camera, or a rig of two fisheyes back to back."""
+        if self.camera == "rig":
+            return back_to_back(self.width)
+        if self.camera == "sphere":
+            return om.sphere(self.width)
+        setup = fisheye_setup(self.width) if self.camera == "fisheye" else mirror_setup(self.width)
+        return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
 
+
+# Images of one megapixel.
 SEQUENCES = (
-    RenderedSequence("room", "fisheye", 200),
-    RenderedSequence("rooms", "mirror", 150),
-    RenderedSequence("rooms", "fisheye", 200),
-    RenderedSequence("street", "sphere", 150),
-    RenderedSequence("town", "fisheye", 200),
-    RenderedSequence("town", "sphere", 150),
-    RenderedSequence("room", "rig", 120),
+    RenderedSequence("room", "fisheye", 200, 1170),
+    RenderedSequence("rooms", "mirror", 150, 1170),
+    RenderedSequence("rooms", "fisheye", 200, 1170),
+    RenderedSequence("street", "sphere", 150, 1440),
+    RenderedSequence("town", "fisheye", 200, 1170),
+    RenderedSequence("town", "sphere", 150, 1440),
+    RenderedSequence("room", "rig", 120, 1000),
+)
+# Images of about half a megapixel, for the comparisons.
+SMALL = tuple(
+    RenderedSequence(each.scene, each.camera, each.count, {"sphere": 960, "rig": 640}.get(each.camera, 800))
+    for each in SEQUENCES
 )
 # The cameras whose perspective views are compared with the whole images: they look ahead.
 CROPPED = ("fisheye", "sphere")
-QUICK = (RenderedSequence("room", "fisheye", 40), RenderedSequence("street", "sphere", 40))
-
-
-def camera_of(name: str) -> om.Camera | om.Rig:
-    """Return a camera, or a rig of two fisheyes back to back, of about half a megapixel."""
-    if name == "rig":
-        return back_to_back(640)
-    if name == "sphere":
-        return om.sphere(960)
-    setup = fisheye_setup(800) if name == "fisheye" else mirror_setup(800)
-    return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
+QUICK = (RenderedSequence("room", "fisheye", 40, 800), RenderedSequence("street", "sphere", 40, 960))
 
 
 def render(sequence: RenderedSequence) -> Path:
     """Return the folder of a rendered sequence, from the cache if it is there."""
-    folder = image_cache("odometry") / f"{sequence.scene}-{sequence.camera}-{sequence.count}"
+    folder = image_cache("odometry") / f"{sequence.name}-{sequence.count}-{sequence.width}px"
     if not (folder / "poses.txt").exists():
         folder.parent.mkdir(exist_ok=True)
         up = "back" if sequence.camera == "mirror" else "top"
-        camera = camera_of(sequence.camera)
-        om.simulate(om.SimulateOptions(sequence.scene, camera, folder, up=up, frames=sequence.count, fps=FPS, jpeg=92))
+        om.simulate(
+            om.SimulateOptions(sequence.scene, sequence.body, folder, up=up, frames=sequence.count, fps=FPS, jpeg=92)
+        )
     return folder
 
 
@@ -83,7 +91,7 @@ def row(sequence: RenderedSequence) -> str:
     """Return the row of a sequence in the table."""
     folder = render(sequence)
     exact = read_trajectory(folder / "poses.txt")
-    tracking = track_images(folder, camera_of(sequence.camera), exact.times)
+    tracking = track_images(folder, sequence.body, exact.times)
     tracked, refined = (score(found, exact.poses) for found in (tracking.trajectory, refined_without_loops(tracking)))
     coverage = f"{len(tracking.trajectory)} of {sequence.count}"
     return f"| {sequence.scene}, {sequence.camera} | {tracked.length:.0f} m | {coverage} | {stages(tracked, refined)} |"
@@ -120,8 +128,9 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--colmap", action="store_true", help="only the comparison with pycolmap")
     parser.add_argument("--sequences", nargs="+", metavar="SCENE-CAMERA", help="such as room-fisheye; default: all")
     options = parser.parse_args(arguments)
-    quick = options.quick
-    chosen = [each for each in (QUICK if quick else SEQUENCES) if each.name in (options.sequences or [each.name])]
+    quick, small = options.quick, options.colmap or options.crops
+    sequences = QUICK if quick else SMALL if small else SEQUENCES
+    chosen = [each for each in sequences if each.name in (options.sequences or [each.name])]
     if options.colmap:
         compare_colmap(chosen)
         return

@@ -26,6 +26,7 @@ DRIVES = (
     Drive("street", "mirror", 400),
     Drive("street", "fisheye", 750, seed=1),
     Drive("town", "fisheye", 1410),
+    Drive("town", "fisheye", 1410, width=1170),
     Drive("room", "fisheye", 700, width=800),
     Drive("room", "fisheye", 600, width=800, seed=1, fps=30.0),
     Drive("flat", "fisheye", 1080, width=800, exposure_time=0.01),

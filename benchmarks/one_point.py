@@ -22,7 +22,7 @@ from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 from omnisight.twoview.bearing_pairs import BearingPairs
 from omnisight.visual_odometry.car_motion import estimate_car_motion
 
-SEQUENCE = RenderedSequence("town", "fisheye", 60)
+SEQUENCE = RenderedSequence("town", "fisheye", 60, 800)
 SHARES = (0.3, 0.5, 0.7, 0.85)
 SIGMA_DEG = 0.1
 CONFIDENCE = 0.99
