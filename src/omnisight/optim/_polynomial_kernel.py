@@ -20,6 +20,8 @@ SHORTEST = 0.5**MAX_DIVISIONS
 # Every polynomial is written in the Bernstein basis of this degree, so that one matrix serves for all.
 DEGREE = 10
 SIZE = DEGREE + 1
+# Columns of the bounds of a segment, after its coefficients.
+LOW, HIGH = SIZE, SIZE + 1
 # Coefficients in the Bernstein basis from those of the powers: C(i, j)/C(n, j).
 BERNSTEIN = np.array([[comb(i, j) / comb(DEGREE, j) for j in range(SIZE)] for i in range(SIZE)])
 
@@ -53,12 +55,16 @@ def real_roots(coefficients, roots):
     otherwise the interval is divided (A. Eigenwillig, Real root isolation, 2008). The other roots are those of the
     polynomials in -x, 1/x and -1/x. Double roots, which rounding moves off the real axis, may not be found.
     """
-    size = len(coefficients)
-    largest = np.abs(coefficients).max()
-    if not 0.0 < largest < np.inf:
+    size, largest = len(coefficients), 0.0
+    for i in range(size):
+        if not abs(coefficients[i]) < np.inf:
+            return 0
+        largest = max(abs(coefficients[i]), largest)
+    if largest == 0.0:
         return 0
-    variant, unit_roots = np.zeros(SIZE), np.empty(SIZE)
-    pending, bounds = np.empty((MAX_DIVISIONS + 2, SIZE)), np.empty((MAX_DIVISIONS + 2, 2))
+    work = np.empty((MAX_DIVISIONS + 4, SIZE + 2))  # one array, because each takes time
+    variant, unit_roots, pending = work[0], work[1], work[2:]
+    variant[:] = 0.0
     count = 0
     for k in range(4):
         is_negative, is_inverse = k % 2 == 1, k >= 2
@@ -66,7 +72,7 @@ def real_roots(coefficients, roots):
             variant[i] = coefficients[size - 1 - i if is_inverse else i] / largest
             if is_negative and i % 2 == 1:
                 variant[i] = -variant[i]
-        for n in range(_roots_in_unit_interval(variant, unit_roots, pending, bounds)):
+        for n in range(_roots_in_unit_interval(variant, unit_roots, pending)):
             x = unit_roots[n]
             # Roots at 0, 1 and -1 belong to two intervals; those beyond 1/ROOT_TOLERANCE are infinite.
             is_counted = ROOT_TOLERANCE < x < 1.0 if is_inverse else not (is_negative and x == 0.0)
@@ -79,30 +85,33 @@ def real_roots(coefficients, roots):
 
 
 @njit_helper
-def _roots_in_unit_interval(coefficients, roots, pending, bounds):
-    """Compute the simple roots in [0, 1]; return their number. The segments to do overwrite the last two arrays."""
+def _roots_in_unit_interval(coefficients, roots, pending):
+    """Compute the simple roots in [0, 1]; return their number.
+
+    The segments to do overwrite the last array: their coefficients and bounds.
+    """
     for i in range(SIZE):
         pending[0, i] = 0.0
         for j in range(i + 1):
             pending[0, i] += BERNSTEIN[i, j] * coefficients[j]
-    bounds[0, 0], bounds[0, 1] = 0.0, 1.0
+    pending[0, LOW], pending[0, HIGH] = 0.0, 1.0
     count, top = 0, 0
     if pending[0, DEGREE] == 0.0:
         roots[0], count = 1.0, 1
-    while top >= 0 and count < len(roots):
-        segment, low, high = pending[top], bounds[top, 0], bounds[top, 1]
+    while top >= 0 and count < SIZE:
+        segment, low, high = pending[top], pending[top, LOW], pending[top, HIGH]
         changes = _sign_changes(segment)
         if segment[0] == 0.0:
             roots[count] = low
             count += 1
-        if changes == 1 and count < len(roots):
+        if changes == 1 and count < SIZE:
             roots[count] = _bracketed_root(coefficients, segment, low, high)
             count += 1
         if changes > 1 and high - low > SHORTEST:
             _divide(segment, pending[top + 1])
             middle = 0.5 * (low + high)
-            bounds[top, 0] = bounds[top + 1, 1] = middle
-            bounds[top + 1, 0] = low
+            pending[top, LOW] = pending[top + 1, HIGH] = middle
+            pending[top + 1, LOW] = low
             top += 1
         else:
             top -= 1
@@ -110,11 +119,12 @@ def _roots_in_unit_interval(coefficients, roots, pending, bounds):
 
 
 @njit_helper
-def _sign_changes(values):
-    """Return the number of sign changes, without zeros."""
+def _sign_changes(segment):
+    """Return the number of sign changes of the coefficients of a segment, without zeros."""
     changes = 0
     last = 0.0
-    for value in values:
+    for i in range(SIZE):
+        value = segment[i]
         changes += ((value > 0.0) & (last < 0.0)) | ((value < 0.0) & (last > 0.0))
         last = value if value != 0.0 else last
     return changes

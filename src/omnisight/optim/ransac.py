@@ -19,8 +19,9 @@ class RansacOptions(Options):
     ----------
     confidence
         Probability of drawing at least one sample without outliers, if the best model so far has all inliers. A wrong
-        model has few and does not end the search: with 0.9 and 0.99, relative poses of 100 pairs of each of 40 scenes
-        with 70 % outliers were equally accurate.
+        model has few and does not end the search: with 0.9 and 0.99, relative poses of 100 pairs of each of 80 scenes
+        were equally accurate. Where structures repeat, it may have as many: of images that show mostly a checkerboard,
+        8 of 21 relative poses are wrong with 0.9, and 5 of 19 with 0.99.
     max_iterations
         Largest number of samples. 20,000 samples of five contain one of inliers only, with 99 % probability, if 19 % of
         the observations are inliers.
@@ -28,7 +29,7 @@ class RansacOptions(Options):
         Seed of the random numbers: the same input and seed give the same result.
     """
 
-    confidence: float = 0.9
+    confidence: float = 0.99
     max_iterations: int = 20_000
     seed: int = 0
 

@@ -13,6 +13,7 @@ import numpy as np
 from omnisight.compiled import njit_helper, njit_inlined
 from omnisight.optim._polynomial_kernel import real_roots
 from omnisight.twoview._essential_kernel import poses_from_essential
+from omnisight.twoview._small_vectors_kernel import cross
 
 # Exponents of (x, y, z) of the monomials of degree 1, 2 and 3, the last in the order of the elimination.
 LINEAR = ((1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0))
@@ -82,37 +83,35 @@ def _null_space(a, b):
         for i in range(3):
             for j in range(3):
                 m[3 * i + j, n] = b[n, i] * a[n, j]
-    # Householder reflections H_5 ... H_1 m = R: the last columns of H_1 ... H_5 are orthogonal to all constraints.
-    v = np.zeros((5, 9))
+    # Householder reflections H_5 ... H_1 m = R, of vectors that replace the columns of m: the last columns of
+    # H_1 ... H_5 are orthogonal to all constraints.
     for k in range(5):
         length = 0.0
         for i in range(k, 9):
             length += m[i, k] ** 2
         length = np.sqrt(length)
-        for i in range(k, 9):
-            v[k, i] = m[i, k]
-        v[k, k] += length if m[k, k] >= 0 else -length
+        m[k, k] += length if m[k, k] >= 0 else -length
         square = 0.0
         for i in range(k, 9):
-            square += v[k, i] ** 2
-        if square > 0:
-            for i in range(k, 9):
-                v[k, i] *= np.sqrt(2.0 / square)
-        for n in range(k, 5):
+            square += m[i, k] ** 2
+        scale = np.sqrt(2.0 / square) if square > 0 else 0.0
+        for i in range(k, 9):
+            m[i, k] *= scale
+        for n in range(k + 1, 5):
             dot = 0.0
             for i in range(k, 9):
-                dot += v[k, i] * m[i, n]
+                dot += m[i, k] * m[i, n]
             for i in range(k, 9):
-                m[i, n] -= dot * v[k, i]
+                m[i, n] -= dot * m[i, k]
     basis = np.zeros((9, 4))
     for n in range(4):
         basis[5 + n, n] = 1.0
         for k in range(4, -1, -1):
             dot = 0.0
             for i in range(k, 9):
-                dot += v[k, i] * basis[i, n]
+                dot += m[i, k] * basis[i, n]
             for i in range(k, 9):
-                basis[i, n] -= dot * v[k, i]
+                basis[i, n] -= dot * m[i, k]
     return basis
 
 
@@ -121,17 +120,16 @@ def _constraints(basis):
     """Return the ten cubic constraints (10, 20) on (x, y, z)."""
     system = np.zeros((10, 20))
     # E E^T - tr(E E^T)/2 I, and (E E^T - tr(E E^T)/2 I) E = 0.
-    gram, half_trace = np.zeros((3, 3, 10)), np.zeros(10)
+    gram = np.zeros((3, 3, 10))
     for i in range(3):
         for j in range(i + 1):
             for k in range(3):
                 _add_quadratic(gram[i, j], basis[3 * i + k], basis[3 * j + k], 1.0)
             gram[j, i] = gram[i, j]
-        for m in range(10):
-            half_trace[m] += 0.5 * gram[i, i, m]
-    for i in range(3):
-        for m in range(10):
-            gram[i, i, m] -= half_trace[m]
+    for m in range(10):
+        half_trace = 0.5 * (gram[0, 0, m] + gram[1, 1, m] + gram[2, 2, m])
+        for i in range(3):
+            gram[i, i, m] -= half_trace
     for i in range(3):
         for j in range(3):
             for k in range(3):
@@ -229,17 +227,19 @@ def _determinant(rows):
 @njit_helper
 def _other_unknowns(rows, z):
     """Return x and y for a root z, and whether they are finite."""
-    values = np.empty((3, 3))
-    for r in range(3):
-        for u in range(3):
-            value = 0.0
-            for power in range(4, -1, -1):
-                value = value * z + rows[r, u, power]
-            values[r, u] = value
+    values = _at(rows[0], z), _at(rows[1], z), _at(rows[2], z)
     best, x, y = 0.0, 0.0, 0.0
     for r in range(3):
-        p, q = values[r], values[(r + 1) % 3]
-        nx, ny, nw = p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+        nx, ny, nw = cross(values[r], values[(r + 1) % 3])
         if abs(nw) > best:
             best, x, y = abs(nw), nx / nw, ny / nw
     return x, y, best > 0.0
+
+
+@njit_helper
+def _at(row, z):
+    """Return the values of three polynomials of degree four."""
+    x, y, w = row[0, 4], row[1, 4], row[2, 4]
+    for power in range(3, -1, -1):
+        x, y, w = x * z + row[0, power], y * z + row[1, power], w * z + row[2, power]
+    return x, y, w

@@ -99,12 +99,10 @@ def select_motion(
     from omnisight.twoview._alignment_problems_kernel import HomographyProblem, RotationProblem
     from omnisight.twoview._relative_pose_kernel import RelativePoseProblem
 
+    if general.has_alternative_model:
+        return MotionSelection(MotionModel("ambiguous", general.reason))
     if general.model is None:
-        found = _rotation_model(pairs, options)
-        # All general motions with the rotation agree with a rotation only, so that there is a second one.
-        if general.has_alternative_model and not _explains_all(found.rotation, general.inliers):
-            return MotionSelection(MotionModel("ambiguous", general.reason))
-        return found
+        return _rotation_model(pairs, options)
     search = replace(options, max_iterations=MAX_COMPETING_ITERATIONS)
     _, parallax = _best(RotationProblem.of(inliers), search)
     homography, squares_of_plane = _best(HomographyProblem.of(inliers), search)
@@ -193,11 +191,6 @@ def _best(problem: Any, options: RansacOptions) -> tuple[Array, Array]:
 
     found = ransac(problem, THRESHOLDS[2], options)
     return found.model, squared_residuals(problem, found.model)
-
-
-def _explains_all(rotation: RobustEstimate | None, inliers: NDArray[np.bool_]) -> bool:
-    """Return whether a rotation was found with at least as many inliers as another motion has."""
-    return rotation is not None and rotation.model is not None and rotation.inliers.sum() >= inliers.sum()
 
 
 def _have_more_support(squares: Array, others: Array) -> bool:
