@@ -19,7 +19,7 @@ class RansacOptions(Options):
     ----------
     confidence
         Probability of drawing at least one sample without outliers, if the best model so far has all inliers. A wrong
-        model has few and does not end the search: with 0.9 and 0.99, relative poses of 100 pairs of each of 80 scenes
+        model has few and does not end the search: with 0.9 and 0.99, relative poses of 100 pairs of each of 70 scenes
         were equally accurate. Where structures repeat, it may have as many: of images that show mostly a checkerboard,
         8 of 21 relative poses are wrong with 0.9, and 5 of 19 with 0.99.
     max_iterations
