@@ -58,10 +58,7 @@ SEQUENCES = (
     RenderedSequence("room", "rig", 120, 1000),
 )
 # Images of about half a megapixel, for the comparisons.
-SMALL = tuple(
-    RenderedSequence(each.scene, each.camera, each.count, {"sphere": 960, "rig": 640}.get(each.camera, 800))
-    for each in SEQUENCES
-)
+SMALL = tuple(replace(each, width={"sphere": 960, "rig": 640}.get(each.camera, 800)) for each in SEQUENCES)
 # The cameras whose perspective views are compared with the whole images: they look ahead.
 CROPPED = ("fisheye", "sphere")
 QUICK = (RenderedSequence("room", "fisheye", 40, 800), RenderedSequence("street", "sphere", 40, 960))
