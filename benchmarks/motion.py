@@ -13,10 +13,10 @@ from pathlib import Path
 import omnisight as om
 from benchmarks import motion_colmap
 from benchmarks.motion_crops import HEADER, print_crops
+from benchmarks.motion_drives import camera_named
 from benchmarks.motion_edges import print_edges
 from benchmarks.motion_loops import print_loops, refined_without_loops, score, stages, track_images
 from benchmarks.rendered_images import image_cache
-from omnisight.simulation import fisheye_setup, mirror_setup
 from omnisight.simulation.example_rigs import back_to_back
 from omnisight.simulation.trajectory import read_trajectory
 
@@ -39,12 +39,7 @@ class RenderedSequence:
     @property
     def body(self) -> om.Camera | om.Rig:
         """The camera, or a rig of two fisheyes back to back."""
-        if self.camera == "rig":
-            return back_to_back(self.width)
-        if self.camera == "sphere":
-            return om.sphere(self.width)
-        setup = fisheye_setup(self.width) if self.camera == "fisheye" else mirror_setup(self.width)
-        return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
+        return back_to_back(self.width) if self.camera == "rig" else camera_named(self.camera, self.width)
 
 
 # Images of one megapixel.

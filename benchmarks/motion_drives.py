@@ -86,10 +86,7 @@ class Drive:
         """The camera, or a rig of two fisheyes back to back."""
         if self.camera == "rig":
             return back_to_back(480, apart=RIG_BASELINE_M)
-        if self.camera == "sphere":
-            return om.sphere(960)
-        setup = fisheye_setup(self.width) if self.camera == "fisheye" else mirror_setup(self.width)
-        return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
+        return camera_named(self.camera, 960 if self.camera == "sphere" else self.width)
 
     @property
     def trajectory(self) -> Trajectory:
@@ -114,6 +111,14 @@ class Drive:
     def scene(self) -> Scene:
         """The scene."""
         return scene_of(ROUTES[self.route][0], self.seed)
+
+
+def camera_named(name: str, width: int) -> om.Camera:
+    """Return the camera "sphere", "fisheye" or "mirror" with a width of its images, px."""
+    if name == "sphere":
+        return om.sphere(width)
+    setup = fisheye_setup(width) if name == "fisheye" else mirror_setup(width)
+    return replace(setup.camera, theta_min=setup.theta[0], theta_max=setup.theta[1])
 
 
 def render(drive: Drive) -> Path:

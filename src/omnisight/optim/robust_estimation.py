@@ -16,8 +16,6 @@ Array = NDArray[np.float64]
 
 # The search is repeated with the estimated noise if that is below this fraction of the assumed one, at most so often.
 MAX_NOISE_RATIO, MAX_SEARCHES = 0.5, 4
-# Smallest noise, as a fraction of the assumed one: residuals of exact correspondences are rounding.
-MIN_NOISE_RATIO = 1e-6
 # Correspondences beyond a minimal sample that are needed to distinguish inliers from outliers.
 MIN_REDUNDANCY = 3
 # Expected number of models that fit as many unrelated correspondences by chance above which a model is rejected.
@@ -101,6 +99,8 @@ def estimate_robustly(
     options
         Options of the search.
     """
+    from omnisight.optim._mixture_kernel import MIN_SCALE
+
     problem = problem_of_scale(1.0)
     count, (sample_size, _, dimension, _) = len(problem[0]), problem.sizes(problem)
     if count < sample_size + MIN_REDUNDANCY:
@@ -114,8 +114,8 @@ def estimate_robustly(
         if not np.isfinite(found.model).all():
             return _failure(count, "no model is consistent with a sample of the correspondences", iterations)
         fit = refine(problem, found.model, is_scale_known=is_scale_known)
-        scale = max(scale * fit.scale, MIN_NOISE_RATIO)
-        if fit.scale > MAX_NOISE_RATIO or scale == MIN_NOISE_RATIO or searches == MAX_SEARCHES:
+        scale = max(scale * fit.scale, MIN_SCALE)
+        if fit.scale > MAX_NOISE_RATIO or scale == MIN_SCALE or searches == MAX_SEARCHES:
             break
     if not is_scale_known:
         problem = permuted(problem_of_scale(scale), order)

@@ -31,7 +31,7 @@ MIN_SHARE_IN_FRONT = 0.95
 MIN_SINE = 1e-12
 # Probability of a motion above which the other one is excluded.
 MIN_PROBABILITY = 0.999
-# Unit vectors e, and the matrices e x, by which small rotations about them change a vector.
+# Coordinate axes, and their cross-product matrices: the derivatives of a rotation by its rotation vector, at zero.
 AXES = np.eye(3)
 GENERATORS = so3.hat(AXES)
 

@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -123,9 +123,8 @@ def live_odometry(
         raise ValueError("--fps and --topic are for files: leave them out with --live")
     _refuse_inputs(output, [source, camera], options)
     sources = CameraSources.of(camera, None, None, options.name)
-    sequence = FrameSequence.live(str(source), options)
-    body = _body(sources, sequence, options)
-    sequence.close()
+    with closing(FrameSequence.live(str(source), options)) as sequence:
+        body = _body(sources, sequence, options)
     if isinstance(body, Camera):
         warm_up(body, options, progress)
     return _run(FrameSequence.live(str(source), options), body, options, output, watch, progress)
