@@ -3,12 +3,13 @@
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
 from omnisight.cache import MAX_COMPILED_FOLDERS
-from omnisight.compilation import watch_compilation
+from omnisight.compilation import compile_in_parallel, watch_compilation
 from omnisight.compiled import cached_njit, njit_helper
 
 LOOPS = """
@@ -125,3 +126,70 @@ def test_python_cannot_call_a_helper_before_or_after_its_compilation(tmp_path):
         with pytest.raises(TypeError, match="only compiled functions can call square"):
             square(2.0)
         assert cached_njit(fourth, tmp_path)(2.0) == 16.0
+
+
+def test_other_cores_compile_parts_as_soon_as_this_process_compiles(tmp_path, monkeypatch):
+    (tmp_path / "_parts.py").write_text("""
+from pathlib import Path
+
+def first(): Path("first").touch()
+def second(): Path("second").touch()
+""")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), *map(os.path.abspath, sys.path)]))
+    monkeypatch.chdir(tmp_path)
+    asked = []
+
+    def parts():
+        asked.append(True)
+        return "_parts:first", "_parts:second"
+
+    def run(threads, folder):
+        monkeypatch.setenv("OMNISIGHT_THREADS", str(threads))
+        with compile_in_parallel(parts):
+            for x in (1, 1.0):  # two compilations, or none
+                assert cached_njit(lambda x: x, tmp_path / folder)(x) == x
+
+    run(1, "one")
+    assert not asked
+    run(2, "two")
+    run(3, "two")  # the code is stored
+    assert len(asked) == 1
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "first").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert (tmp_path / "first").exists()
+    assert not (tmp_path / "second").exists()
+
+
+PARTS = """
+import numpy as np
+import omnisight as om
+from compiling import bearings
+from omnisight.geometry.pose import Pose
+from omnisight.optim._block_jackknife_kernel import deletion_variance
+from omnisight.optim._mixture_kernel import fit_mixture
+from omnisight.twoview._triangulation_kernel import angular_optimum
+from omnisight.visual_odometry.first_run import fit_models
+from omnisight.visual_odometry.pose_estimation import estimate_pose
+from omnisight.visual_odometry.ray_observations import FrameRays
+
+
+def count():
+    return [len(driver.signatures) for driver in (deletion_variance, fit_mixture, angular_optimum)]
+
+fit_models()
+before = count()
+a, b = bearings()
+assert om.relative_pose(a, b, sigma_deg=0.05)
+om.resect(a, b, sigma_deg=0.05)
+om.triangulate([Pose(), Pose()], [a, b], sigma_deg=0.05)
+estimate_pose(FrameRays(np.arange(len(a)), a, np.zeros_like(a), b, np.zeros((len(a), 2, 3))), Pose())
+print(before, count())
+assert min(before) > 0
+assert count() == before
+"""
+
+
+def test_the_parts_of_the_first_run_are_what_poses_need():
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path])}
+    subprocess.run([sys.executable, "-c", PARTS], check=True, env=environment)

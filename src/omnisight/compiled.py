@@ -85,7 +85,9 @@ STREAMLINED: Any = {"_nrt": False, "fastmath": {"contract"}}
 def njit_driver(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a loop that Python calls, with options of numba; the code is cached on disk.
 
-    Functions that it calls are `njit_helper`s of the `_*.py` files of its folder and of all `_*_kernel.py` files.
+    Functions that it calls are `njit_helper`s of the `_*.py` files of its folder and of all `_*_kernel.py` files. They
+    copy arrays element by element: an array assigned to a slice, and a reduction along an axis, make numba compile the
+    text of the error message of wrong shapes, 3 s for each number of dimensions.
     """
     file = Path(str(sys.modules[function.__module__].__file__))
     sources = source_hash(file.parent, "_*.py") + source_hash(Path(__file__).parent, "**/_*_kernel.py")
@@ -119,7 +121,7 @@ _record_use = cache(record_use)  # once in a process
 class FolderCache(FunctionCache):
     """A cache of compiled functions in a folder; a folder that cannot be read or written is not an error.
 
-    A function is compiled by one process at a time, and loaded by those that waited for it.
+    Each signature of a function is compiled by one process, and loaded by those that waited for it.
     """
 
     def __init__(self, function: Callable[..., Any], folder: Path) -> None:
@@ -154,12 +156,10 @@ class FolderCache(FunctionCache):
         """Return the stored code of a signature; None if this process is to compile it."""
         if (stored := self._load(sig, target_context)) is not None:
             return stored
-        from filelock import FileLock, Timeout
-
         self._started = time.perf_counter()
         report_compilation(self._name, None)
-        self._lock = FileLock(self._folder / f"{self._impl.filename_base}.lock", timeout=MAX_COMPILATION_S)
-        with contextlib.suppress(OSError, NotImplementedError, Timeout):
+        self._lock = self._file_lock(hashlib.sha256(str(sig).encode()).hexdigest()[:16])
+        with contextlib.suppress(OSError, NotImplementedError):
             if not self._folder.exists():
                 self._folder.mkdir(parents=True, exist_ok=True)
                 remove_old_code()
@@ -171,9 +171,16 @@ class FolderCache(FunctionCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store the code of a signature."""
-        with contextlib.suppress(OSError):
+        # The signatures of a function have one index.
+        with contextlib.suppress(OSError, NotImplementedError), self._file_lock("index"):
             super().save_overload(sig, data)
         self._finish()
+
+    def _file_lock(self, part: str) -> Any:
+        """Return a lock of a part of the stored code."""
+        from filelock import FileLock
+
+        return FileLock(self._folder / f"{self._impl.filename_base}.{part}.lock", timeout=MAX_COMPILATION_S)
 
     def _load(self, sig: Any, target_context: Any) -> Any:
         # numba's own method also declares every function that code can call: only compilation needs these 0.13 s.

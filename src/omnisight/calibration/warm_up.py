@@ -1,12 +1,13 @@
 """Compile the calibration loops before they are needed."""
 
-import contextlib
-import gc
-import subprocess
-import sys
 import threading
 
 import numpy as np
+
+from omnisight.compilation import start_processes
+
+# What is compiled by a process each.
+PARTS = "omnisight.calibration.warm_up:compile_detection", "omnisight.calibration.warm_up:warm_up"
 
 
 def start_warm_up() -> threading.Thread:
@@ -23,20 +24,9 @@ def _prepare() -> None:
     from omnisight.calibration._bundle_kernel import normal_equation_blocks
     from omnisight.compiled import has_code
 
-    # The program of a frozen application is not Python.
-    if not has_code(normal_equation_blocks) and sys.executable and not getattr(sys, "frozen", False):
-        with contextlib.suppress(OSError):
-            processes = [
-                subprocess.Popen(
-                    [sys.executable, "-m", "omnisight.calibration.warm_up", part],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                )
-                for part in PARTS
-            ]
-            for process in processes:
-                process.wait()
+    if not has_code(normal_equation_blocks):
+        for process in start_processes(*PARTS):
+            process.wait()
     warm_up()
 
 
@@ -66,11 +56,3 @@ def warm_up() -> None:
     pixels = [model.project_numpy(board @ r.T + (-1.5, -1.0, 4.0))[0] for r in rotations]
     observations = Observations.from_arrays([board] * len(pixels), pixels, size=(960, 963))
     refine(resect(model, observations), observations, iterations=1)
-
-
-# What is compiled by a process each.
-PARTS = {"detection": compile_detection, "calibration": warm_up}
-
-if __name__ == "__main__":
-    gc.disable()  # of no use in a process that ends after the compilation, and a fourteenth of its time
-    PARTS[sys.argv[1]]()

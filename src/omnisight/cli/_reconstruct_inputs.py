@@ -57,12 +57,14 @@ def run_on_images(
     folder
         The folder of the images.
     """
+    from omnisight.compilation import compile_in_parallel
     from omnisight.images.collect import folders_with_images
     from omnisight.images.output_paths import check_output_folder
     from omnisight.images.ros_bag import is_bag
     from omnisight.images.video import is_clip
     from omnisight.pipeline.reconstruction.clip_frames import extract_frames
     from omnisight.reconstructions import refuse_other_files
+    from omnisight.twoview.first_run import parts
 
     check_output_folder(output, [images, *(folders_with_images(images) if images.is_dir() else ())])
     if not (output / WORK).is_dir():  # an interrupted run may have written some of its files
@@ -72,7 +74,7 @@ def run_on_images(
     if has_topic and rig is not None:
         raise ValueError(f"{images}: a topic has the images of one camera: extract those of a rig to folders")
     files, folder, cameras = images, images if images.is_dir() else images.parent, parse_cameras(camera or [])
-    with _continuing(output / WORK), progress() as report:
+    with _continuing(output / WORK), progress() as report, compile_in_parallel(parts):
         if has_topic or is_clip(images):
             folder = output / "images"
             topic, apply_exif = options.topic, options.apply_exif

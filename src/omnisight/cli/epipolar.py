@@ -41,15 +41,18 @@ def epipolar(
     """
     from omnisight.cli._epipolar_report import print_json, print_report
     from omnisight.cli._files import must_be_writable_image
+    from omnisight.compilation import compile_in_parallel
     from omnisight.images import write_image
     from omnisight.images.output_paths import refuse_overwrite
     from omnisight.pipeline.two_views.epipolar import epipolar as run
+    from omnisight.twoview.first_run import parts
 
     if output is not None:
         must_be_writable_image(output)
         inputs = (image_a, image_b, camera, camera_b, options.mask, options.mask_b)
         refuse_overwrite([output], [path for path in inputs if path is not None])
-    result = run(image_a, image_b, camera, camera_b, options)
+    with compile_in_parallel(parts):
+        result = run(image_a, image_b, camera, camera_b, options)
     if result and output is not None:
         from omnisight.report.drawings.epipolar import draw_epipolar
 

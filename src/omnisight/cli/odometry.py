@@ -56,12 +56,14 @@ def odometry(
     from omnisight.cli._files import must_be_writable
     from omnisight.cli._odometry_report import print_json, print_report, print_warnings
     from omnisight.cli._progress import progress
+    from omnisight.compilation import compile_in_parallel
     from omnisight.pipeline.odometry.odometry import odometry as run
+    from omnisight.visual_odometry.first_run import parts
 
     if page and not live:
         raise ValueError("--page shows a connected camera: specify --live")
     must_be_writable(output)
-    with _keeping_poses(output):
+    with _keeping_poses(output), compile_in_parallel(parts):
         if live:
             result = _run_live(images, camera, rig, output, options, page)
         else:

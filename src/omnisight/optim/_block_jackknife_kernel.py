@@ -34,7 +34,9 @@ def deletion_variance(residuals, jacobians, positions, halvings):
         for r in range(parameters):
             for c in range(r):
                 informations[b, c, r] = informations[b, r, c]
-    information, total = informations.sum(axis=0), 0.0
+    information, total = np.zeros((parameters, parameters)), 0.0
+    for b in range(blocks):
+        information += informations[b]
     for b in range(blocks):
         # The change of the estimate without the block; what only this block determines does not change.
         change = pseudo_inverse(information - informations[b]) @ gradients[b]
@@ -62,7 +64,8 @@ def _halve(positions, order, halvings):
                 along = positions[block, k]
                 if len(along) and along.max() - along.min() > extent:
                     best, extent = k, along.max() - along.min()
-            order[first:last] = block[np.argsort(positions[block, best])]
+            for i, k in enumerate(np.argsort(positions[block, best])):
+                order[first + i] = block[k]
             halves[2 * b], halves[2 * b + 1] = first, first + (last - first) // 2
         halves[-1] = len(order)
         starts = halves

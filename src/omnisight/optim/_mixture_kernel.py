@@ -30,7 +30,16 @@ PSEUDO_COUNT = 0.5
 
 
 @njit_driver
-def fit_mixture(problem, model, chance, is_scale_known, prior):
+def features(problem, model):
+    """Return a feature (N,) of each observation: those with a similar one are as often outliers."""
+    values = np.empty(len(problem[0]))
+    for i in range(len(values)):
+        values[i] = feature(problem, model, i)
+    return values
+
+
+@njit_driver
+def fit_mixture(problem, model, chance, is_scale_known, prior, neighbours):
     """Estimate a model, and the scale of its residuals unless it is known, by expectation maximization.
 
     Each round takes one Gauss-Newton step (A. Dempster, N. Laird, D. Rubin, Maximum likelihood from incomplete data via
@@ -50,6 +59,8 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
         Whether the standard deviation of the inliers' residuals is 1.
     prior
         (P, P) information of a Gaussian prior about the given model; zero for none.
+    neighbours
+        Order (N,) of the `features`, and the number of observations before and after one that are similar to it.
 
     Returns
     -------
@@ -78,7 +89,7 @@ def fit_mixture(problem, model, chance, is_scale_known, prior):
     share, density = np.empty(count), np.empty(count)
     gradient, information = np.empty(parameters), np.empty((parameters, parameters))
     leverage, normalized, variance = np.zeros(count), np.empty(count), np.empty(count)
-    offset, neighbours = np.zeros(parameters), _order_by_feature(problem, model)
+    offset = np.zeros(parameters)
     _linearize_all(problem, model, residuals, jacobians, squares)
     is_converged = False
     for k in range(MAX_ROUNDS + 1):
@@ -204,20 +215,6 @@ def _evidence(squares, dimension, scale, outliers):
 def _gaussian(square, dimension):
     """Return the density of the standard normal distribution at a squared distance from its mean."""
     return np.exp(-0.5 * square) / np.sqrt(2.0 * np.pi) ** dimension
-
-
-@njit_helper
-def _order_by_feature(problem, model):
-    """Return the order (N,) of the features of the observations, and how many before and after one are similar to it.
-
-    All are if the feature is constant.
-    """
-    count = len(problem[0])
-    features = np.empty(count)
-    for i in range(count):
-        features[i] = feature(problem, model, i)
-    is_constant = features.min() == features.max()
-    return np.argsort(features), count if is_constant else int(np.ceil(np.sqrt(count)))
 
 
 @njit_helper

@@ -1,5 +1,6 @@
 """Refinement of a model to the maximum likelihood under a mixture of Gaussian noise and outliers."""
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -52,12 +53,16 @@ def refine(problem: Any, model: Array, *, is_scale_known: bool = True, prior: Ar
     prior
         (P, P) information of a Gaussian prior about the model.
     """
-    from omnisight.optim._mixture_kernel import fit_mixture
+    from omnisight.optim._mixture_kernel import features, fit_mixture
 
     _, _, dimension, parameters = problem.sizes(problem)
     threshold = THRESHOLDS[dimension]
     chance = threshold, chance_probability(problem, model, threshold)
     prior = np.zeros((parameters, parameters)) if prior is None else prior
-    found = fit_mixture(problem, model, chance, is_scale_known, prior)
+    values = features(problem, model)
+    is_constant = values.min(initial=np.inf) == values.max(initial=-np.inf)
+    similar = len(values) if is_constant else math.ceil(math.sqrt(len(values)))
+    neighbours = np.argsort(values, kind="stable"), similar
+    found = fit_mixture(problem, model, chance, is_scale_known, prior, neighbours)
     model, probability, scale, covariance, evidence = found
     return Refinement(model, np.asarray(probability > 0.5), float(scale), covariance, float(evidence))

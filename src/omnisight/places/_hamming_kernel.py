@@ -96,7 +96,9 @@ def append(bits, words, image, done, used, lists, blocks, entry_bits, entry_imag
             used[0] += 1
             used[1] += capacity
         entry = blocks[last, 0] + blocks[last, 2]
-        entry_bits[entry], entry_image[entry] = bits[n], image
+        entry_image[entry] = image
+        for k in range(bits.shape[1]):
+            entry_bits[entry, k] = bits[n, k]
         blocks[last, 2] += 1
         lists[word, 2] += 1
     return len(bits)

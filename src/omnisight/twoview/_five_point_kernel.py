@@ -125,7 +125,8 @@ def _constraints(basis):
         for j in range(i + 1):
             for k in range(3):
                 _add_quadratic(gram[i, j], basis[3 * i + k], basis[3 * j + k], 1.0)
-            gram[j, i] = gram[i, j]
+            for m in range(10):
+                gram[j, i, m] = gram[i, j, m]
     for m in range(10):
         half_trace = 0.5 * (gram[0, 0, m] + gram[1, 1, m] + gram[2, 2, m])
         for i in range(3):

@@ -43,7 +43,8 @@ def p3p(points, bearings, poses):
     for n in range(intersect_conics(first, second, distances)):
         if _refine(distances[n], chords, sides):
             for i in range(3):
-                posed[i] = np.sqrt(scale) * distances[n, i] * bearings[i]
+                for j in range(3):
+                    posed[i, j] = np.sqrt(scale) * distances[n, i] * bearings[i, j]
             count += align_triangle(points, posed, poses[count])
     return count
 

@@ -38,8 +38,9 @@ def midpoints(origins, directions):
                     matrix[i, j] += (1.0 if i == j else 0.0) - d[i] * d[j]
         if rays > 1:
             solution = solve_symmetric(matrix, right)
-            if not (solution == 0.0).all():
-                points[n] = solution
+            if dot(solution, solution) > 0.0:
+                for i in range(3):
+                    points[n, i] = solution[i]
     return points
 
 

@@ -13,6 +13,7 @@ that changes of the exposure have no effect.
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
+from omnisight.twoview._small_vectors_kernel import copy_elements
 
 # Samples of a patch: SIDE x SIDE, HALF on each side of its centre.
 HALF = 4
@@ -221,18 +222,21 @@ def align(
                 u, v = x / scale, y / scale
             if level > 0 or not found:
                 continue
-            correlation[n], noise[n], uncertainty[n] = similar, rms, inverse
+            correlation[n], noise[n] = similar, rms
+            copy_elements(uncertainty[n], inverse)
             if not slope_sigma[n] > 0.0:
                 continue
             depth, prior = depths[n] * scale, (max(rms, 1.0) / slope_sigma[n]) ** 2
-            slope[:] = slopes[n]
+            slope[0], slope[1] = slopes[n, 0], slopes[n, 1]
             _fill_information(affine[n], a, depth, prior, columns, information)
+            covariance = np.linalg.inv(information)
             found, x, y, similar, rms = _refine(
-                image, template, columns, information, prior, a, b, depth, x, y, slope, samples, gradient
+                image, template, columns, covariance, prior, a, b, depth, x, y, slope, samples, gradient
             )
             if found and similar > correlation[n]:
                 u, v, correlation[n], noise[n] = x / scale, y / scale, similar, rms
-                slopes[n], uncertainty[n] = slope, np.linalg.inv(information)[:2, :2]
+                slopes[n, 0], slopes[n, 1] = slope[0], slope[1]
+                copy_elements(uncertainty[n], covariance[:2, :2])
         pixels[n, 0], pixels[n, 1] = u, v
 
 
@@ -315,25 +319,24 @@ def _fill_information(affine, a, depth, prior, columns, information):
 
 
 @njit_helper
-def _refine(image, template, columns, information, prior, a, b, depth, u, v, slope, samples, gradient):
+def _refine(image, template, columns, covariance, prior, a, b, depth, u, v, slope, samples, gradient):
     """Refine position and slopes (2,), in place; return as `_align_on_level`."""
     energy = _energy(template)
     x, y, similar, rms = u, v, -1.0, 0.0
-    inverse = np.linalg.inv(information)
     for _ in range(MAX_SLOPE_STEPS):
         found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
         if not found:
             return False, u, v, -1.0, 0.0
         total = 0.0
-        gradient[:2] = 0.0
-        gradient[2:] = -prior * slope
+        for i in range(2):
+            gradient[i], gradient[2 + i] = 0.0, -prior * slope[i]
         for k in range(SAMPLES):
             difference = (samples[k] - mean) / contrast - template[k]
             total += difference * difference
             for i in range(4):
                 gradient[i] += columns[k, i] * difference
         rms = np.sqrt(total / (SAMPLES - 4))
-        step = inverse @ gradient
+        step = covariance @ gradient
         for i in range(2):
             for j in range(2):
                 a[i, j] -= depth[i] * step[2 + j]
