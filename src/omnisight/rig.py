@@ -61,7 +61,7 @@ class Rig(Displayed):
     time_offsets
         For each camera the time (seconds) of its image after the nominal time of the frame; () if unknown.
     unit
-        Unit of the translations: "m", or "squares" of a board of unknown size.
+        Unit of the translations: "m", "squares" of a board of unknown size, or "units" of a map of unknown scale.
     calibration
         Results of the calibration (rms, images, verdict, ...) by name.
     """

@@ -227,10 +227,10 @@ def test_positions_of_a_table_are_used(run, room, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "table", "message"),
     [
-        (("--positions", "exif"), "", "none of the 5 images has a position in their EXIF tags"),
+        (("--positions", "exif"), "", "none of the 5 images has a valid position in its EXIF tags"),
         (("--positions", "{table}"), "a,b\n", "expected the columns name,x,y,z or name,latitude,longitude,altitude"),
         (("--positions", "{table}"), "name,x,y,z\n0.png,1,north,3\n", "gps.csv, line 2: could not convert"),
-        (("--positions", "{table}"), "name,x,y,z\nno.png,1,2,3\n", "none of the 5 images has a position in"),
+        (("--positions", "{table}"), "name,x,y,z\nno.png,1,2,3\n", "none of the 5 images has a valid position in"),
         (("--scale", "0", "9.png", "1m"), "", "9.png: no such image"),
         (("--scale", "0", "1", "3"), "", "has no unit"),
     ],
@@ -290,6 +290,7 @@ def test_cameras_of_an_unknown_rig_are_reconstructed_with_it(run, rig_images, tm
     assert json.loads(out)["registered"] == 10
     model = om.read_reconstruction(tmp_path / "model")
     assert not model.has_scale
+    assert om.load_rig(tmp_path / "model" / "rig.json").unit == model.rig.unit == "units"
     assert len(model.rig_from_world) == 5
     found = model.rig.sensor_from_rig[1] @ model.rig.sensor_from_rig[0].inverse()
     rotation = np.diag([-1.0, 1.0, -1.0])

@@ -153,7 +153,7 @@ def test_rows_of_unknown_images_are_reported(refuses, images):
     assert found.warnings == (f"{table}: {unknown}",)
     table.write_text("name,x,y,z\nDSC1.JPG,0,0,0\nDSC2.JPG,0,0,0\n")
     output = refuses("reconstruct", images, "--positions", table, "-o", images.parent / "model")
-    assert f"none of the 3 images has a position in {table}. {table}: {unknown}" in output
+    assert f"none of the 3 images has a valid position in {table}. {table}: {unknown}" in output
 
 
 def test_the_first_complete_row_of_an_image_is_used_and_repeated_rows_are_reported(images):

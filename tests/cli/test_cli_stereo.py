@@ -20,12 +20,13 @@ KEYS = [
         "baseline",
         "rectified_size",
         "max_disparity",
+        "min_distance",
         "matches",
         "inliers",
         "row_difference",
         "rotation_from_rig_deg",
     ),
-    *("share", "distance", "relative_sigma", "steps", "seconds", "warning", "reason"),
+    *("share", "distance", "relative_sigma", "steps", "seconds", "warnings", "reason"),
 ]
 
 
@@ -162,7 +163,20 @@ def test_json(run, pair):
     assert 0.7 < data["distance"]["low"] < data["distance"]["median"] < data["distance"]["high"] < 6
     assert 0 < data["relative_sigma"] < 0.05
     assert data["row_difference"]["px"] < 0.3
-    assert data["reason"] == data["warning"] == ""
+    assert data["min_distance"] == pytest.approx(1, rel=0.05)  # of a whole disparity
+    assert (data["reason"], data["warnings"]) == ("", [])
+
+
+def test_objects_nearer_than_the_smallest_distance_cause_a_warning(run, pair, result):
+    assert result.warnings == ()
+    status, out, err = run(*arguments(pair), "--min-distance", "2")
+    assert status == 0
+    assert "for distances from 1.91 m" in out  # of a whole disparity
+    assert "matched points are nearer than 1.91 m, the smallest distance that is searched" in err
+    advised = float(err.split("--min-distance ")[1])
+    true = np.load(pair / "left.npy")[result.known]
+    assert advised < np.quantile(true, 0.05)
+    assert "nearer" not in run(*arguments(pair), "--min-distance", advised)[2]
 
 
 def test_masked_pixels_have_no_distance(pair, tmp_path):
@@ -185,11 +199,12 @@ def test_a_rig_that_contradicts_the_images(run, pair, tmp_path, axis, angle, sta
     data = json.loads(out)
     assert found == status
     assert data["rotation_from_rig_deg"] == pytest.approx(np.degrees(angle), abs=0.2)
-    assert "the images contradict the rig, and distances may be wrong or missing" in data["warning"]
-    assert data["warning"] in err
+    (warning,) = data["warnings"]
+    assert "the images contradict the rig, and distances may be wrong or missing" in warning
+    assert warning in err
     if status:  # rows do not match, so that no distance is accurate enough
         assert data["row_difference"]["px"] > 3
-        assert data["reason"] == data["warning"]
+        assert data["reason"] == warning
 
 
 def test_images_of_different_times_contradict_the_rig(pair, scene):

@@ -94,7 +94,7 @@ def test_the_video_is_proposed_in_place_of_repeated_images_unless_they_are_its_f
     for path in paths:
         write_image(path, gray)
     (note,) = detect_boards(paths, BOARD).notes
-    assert "1 of 2 images with a board repeat another one" in note
+    assert "1 of 2 images with a board repeats another one" in note
     assert note.endswith("move and tilt the board between images") is of_clip
     assert ("or use the video itself" in note) is not of_clip
 

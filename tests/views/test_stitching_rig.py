@@ -78,6 +78,23 @@ def test_stitchers_of_one_plan_are_independent():
     assert np.array_equal(spheres[0], spheres[2])
 
 
+def test_cameras_are_added_in_an_order_in_which_each_overlaps_those_before_it():
+    u, v = np.meshgrid(np.arange(SIZE), np.arange(SIZE))
+    narrow = np.hypot(u - (SIZE - 1) / 2, v - (SIZE - 1) / 2) < FOCAL * np.radians(50)
+    a, b, c = samplers()
+    a, b = (dataclasses.replace(sampler, allowed=narrow) for sampler in (a, b))  # 20 degrees apart
+    first, second, third = images()
+    bearings = sphere_bearings(om.sphere(256), np.eye(3))
+    plans = [
+        (plan_stitch([a, b, c], [first, second, third], 256, warp=False), [first, second, third]),
+        (plan_stitch([a, c, b], [first, third, second], 256, warp=False), [first, third, second]),
+    ]
+    spheres = [ImageStitcher(plan, bearings)(shown) for plan, shown in plans]
+    np.testing.assert_array_equal(*spheres)
+    with pytest.raises(ValueError, match=r"camera 2 has no overlap with 1: their fields of view are \d+.\d° apart"):
+        plan_stitch([a, b], [first, second], 256)
+
+
 def stripes(period):
     """Return columns of black and white of a period, px, as the image of each camera."""
     image = np.zeros((SIZE, SIZE, 3), np.uint8)

@@ -14,12 +14,9 @@ def must_be_writable(output: Path) -> None:
     """Raise before any work if an output file cannot be written."""
     if output.is_dir():
         raise ValueError(f"{output}: is a folder; name a file in it")
-    if not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
-    from omnisight.images.output_paths import write_error
+    from omnisight.images.output_paths import check_folder_of
 
-    if reason := write_error(output.parent):
-        raise ValueError(f"{output}: {reason} ({output.parent})")
+    check_folder_of(output)
 
 
 def must_be_writable_image(output: Path) -> None:

@@ -14,6 +14,8 @@ from cyclopts import (
 
 # The options without a command, and the one that is not an argument of the commands.
 PROGRAM_OPTIONS, HELP = ("help", "version", "install-completion"), "help"
+# Types of numbers in messages.
+NUMBERS: dict[object, str] = {int: "an integer", float: "a number"}
 
 
 def option_error(error: CycloptsError) -> str:
@@ -21,6 +23,10 @@ def option_error(error: CycloptsError) -> str:
     message = str(error)
     if isinstance(error, CoercionError) and error.argument is not None and error.argument.parameter.converter:
         message = str(error.__cause__)  # without the name of the option, which the messages of converters contain
+    elif isinstance(error, CoercionError) and error.token is not None and error.target_type in NUMBERS:
+        message = (
+            f"{error.token.keyword or error.token.value}: {error.token.value!r} is not {NUMBERS[error.target_type]}"
+        )
     if isinstance(error, UnusedCliTokensError):
         message = _unused_arguments(error)
     if isinstance(error, UnknownOptionError):

@@ -82,7 +82,8 @@ def _megabytes(result: ReconstructionResult) -> int | None:
 def print_report(result: ReconstructionResult, output: Path) -> None:
     """Print the models, their viewer, and the images that are in none of them."""
     if result.simultaneous:
-        print(f"rig         images of different cameras with the same {result.simultaneous} were taken together")
+        same = {"name": "name apart from the camera's"}.get(result.simultaneous, result.simultaneous)
+        print(f"rig         images of different cameras with the same {same} were taken together")
     for number, model in enumerate(result.models):
         print(f"model       {len(model)} of {result.images} images, written to {model_folder(output, number)}/")
         if not len(model.points):
@@ -101,7 +102,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"rotation    {figure}")
         if model.has_scale:
             print(f"scale       {_describe_scale(model)}")
-        elif len(model.rig_from_world) > 1:
+        elif len(model.names) > 1:
             print("scale       arbitrary")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)

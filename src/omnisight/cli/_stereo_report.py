@@ -20,6 +20,7 @@ def print_json(result: StereoResult, steps: float) -> None:
         "baseline": result.rectification.baseline,
         "rectified_size": list(view.size),
         "max_disparity": result.rectification.max_disparity,
+        "min_distance": result.rectification.min_distance,
         "matches": check.matches,
         "inliers": check.inliers,
         "row_difference": {"px": check.row_px, "deg": check.row_deg} if check.inliers else None,
@@ -29,7 +30,7 @@ def print_json(result: StereoResult, steps: float) -> None:
         "relative_sigma": None,
         "steps": steps,
         "seconds": round(result.seconds, 3),
-        "warning": check.warning,
+        "warnings": list(result.warnings),
         "reason": result.reason,
     }
     if result:
@@ -41,8 +42,8 @@ def print_json(result: StereoResult, steps: float) -> None:
 
 def print_warnings(result: StereoResult, too_far: int, steps: float) -> None:
     """Print warnings to stderr."""
-    if result.check.warning:
-        warn(result.check.warning)
+    for warning in result.warnings:
+        warn(warning)
     if too_far:
         warn(
             f"{too_far} distances are larger than {MAX_UINT16 / steps:g} and are 0 in the 16-bit image: use fewer"
@@ -56,7 +57,8 @@ def print_report(result: StereoResult, written: Sequence[Path], distances: Path 
     width, height = rectification.camera.size
     low, median, high = result.quantiles
     print(f"baseline   {rectification.baseline:.4g} {result.unit}, rectified to {width}x{height}")
-    print(f"disparity  up to {rectification.max_disparity} px")
+    smallest = f"{rectification.min_distance:.3g} {result.unit}"
+    print(f"disparity  up to {rectification.max_disparity} px, for distances from {smallest}")
     print(f"rows       {check.row_px:.2f} px, {check.row_deg:.3f}° (median difference of {check.inliers} matches)")
     sigma = "unknown" if check.rotation_sigma_deg >= 180 else f"{check.rotation_sigma_deg:.3f}°"
     print(f"rotation   {check.rotation_deg:.3f}° ± {sigma} from that of the rig")

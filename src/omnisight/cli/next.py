@@ -65,10 +65,11 @@ def next(
 
 def _check_drawing_file(draw: Path, images: Sequence[Path]) -> None:
     """Raise `ValueError` if the drawing cannot be written, or would be read as an image of the set later."""
+    from omnisight.images.output_paths import check_folder_of
+
     if draw.is_dir():
         raise ValueError(f"{draw}: is a folder; name an image in it, such as {draw / 'next.png'}")
-    if not draw.parent.is_dir():
-        raise ValueError(f"{draw}: there is no folder {draw.parent}; create it first")
+    check_folder_of(draw)
     if draw.parent.resolve() in {path.parent.resolve() for path in images}:
         raise ValueError(f"{draw}: its folder holds the images, so the drawing would be read as one; use another")
     if draw.suffix.lower() not in (".png", ".jpg", ".jpeg"):

@@ -17,14 +17,15 @@ from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResu
 from omnisight.formats._readers import reader_note
 from omnisight.geometry.rotation import log
 from omnisight.images import IMAGE_SUFFIXES, write_bytes
+from omnisight.images.output_paths import check_output_folder
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
 PACKAGE = "omnisight.formats"
 MAX_LISTED = 12  # names of cameras in a message
 YAML_SUFFIXES = (".yaml", ".yml")
-# The first field of a file of omnisight target.
-BOARD_FILE = re.compile(r'\s*\{\s*"target"\s*:')
+# The first field of a file of omnisight target, or of a target of Kalibr.
+BOARD_FILE = re.compile(r'\s*(\{\s*"target"|target_type)\s*:')
 # What a damaged file raises where no check has a better message.
 PARSE_ERRORS = (ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError, RecursionError)
 
@@ -282,10 +283,14 @@ def load_rig(path: str | Path) -> Rig:
 def _write(path: str | Path, text: str) -> None:
     """Write a file, in a new folder if necessary; raise `FormatError` if that fails."""
     try:
+        check_output_folder(Path(path).parent)
+    except ValueError as error:
+        raise FormatError(f"{path}: {error}") from None
+    try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, encode(text))
     except OSError as error:
-        raise FormatError(str(error)) from error
+        raise FormatError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def difference_px(camera: Camera, other: Camera) -> float:

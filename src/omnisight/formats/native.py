@@ -40,6 +40,7 @@ KEYS = {
     *("calibration", "covariance", "provenance", "rms_definition"),
 }
 RMS_DEFINITION = "root mean square of the residual length |d|, px, over all corners"
+RIG_UNITS = (*UNITS, "units")
 CAMERA, RAY_CAMERA, RIG = "omnisight-camera", "omnisight-ray-camera", "omnisight-rig"
 TITLES = {CAMERA: "a camera", RAY_CAMERA: "a camera", RIG: "a rig of cameras"}
 MAX_COVARIANCE = MAX_VALUE**2  # of two parameters of the largest size
@@ -139,8 +140,8 @@ def rig_from_json(data: Any) -> Rig:
             raise ValueError(f"sensor {name}: {error}") from None
     offsets = [number(sensor.get("time_offset_s", 0.0), "time_offset_s") for sensor in sensors.values()]
     unit = data.get("length_unit", "m")
-    if unit not in UNITS:
-        raise ValueError(f"length_unit must be one of {', '.join(UNITS)}, got {unit!r:.60}")
+    if unit not in RIG_UNITS:
+        raise ValueError(f"length_unit must be one of {', '.join(RIG_UNITS)}, got {unit!r:.60}")
     for name in ("calibration", "provenance"):
         if not isinstance(data.get(name) or {}, dict):
             raise ValueError(f"{name} must be an object, got {data[name]!r:.60}")

@@ -92,7 +92,8 @@ def parse_rig(text: str) -> Rig:
     data = read_storage(text)
     cameras = cameras_of(data)
     if len(cameras) != 2:
-        raise ValueError(f"no rig: a stereo pair has two camera matrices (M1, M2), got {len(cameras)}")
+        count = "one camera" if len(cameras) == 1 else f"{len(cameras)} cameras"
+        raise ValueError(f"no rig but {count}: a stereo pair has two camera matrices (M1, M2)")
     named = {STEREO_KEYS[key.lower()]: value for key, value in data.items() if key.lower() in STEREO_KEYS}
     if missing := sorted({"R", "T"} - set(named)):
         raise ValueError(

@@ -52,6 +52,17 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
     return files
 
 
+def check_folder_of(output: Path) -> None:
+    """Raise `ValueError` if the folder of an output file does not exist, or cannot be written."""
+    folder = output.parent
+    if not folder.is_dir():
+        file = next((parent for parent in (folder, *folder.parents) if parent.is_file()), None)
+        problem = f"there is no folder {folder}; make it first" if file is None else f"{file} is a file, not a folder"
+        raise ValueError(f"{output}: {problem}")
+    if reason := write_error(folder):
+        raise ValueError(f"{output}: {reason} ({folder})")
+
+
 def check_output_folder(folder: Path, inputs: Iterable[Path] = ()) -> None:
     """Raise `ValueError` if a folder, which need not exist, is an input, a file, or cannot be written."""
     if folder.resolve() in {path.resolve() for path in inputs}:

@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images.output_paths import refuse_overwrite
+from omnisight.images.output_paths import check_folder_of, refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.sound import Sound
 from omnisight.images.spherical_video import tag_sphere
@@ -214,5 +214,4 @@ def check_video_output(output: Path) -> None:
     """Raise before any work if a video cannot be written to a file."""
     if output.is_dir():
         raise ValueError(f"{output}: is a folder; name a file in it, such as {output / 'view.mp4'}")
-    if not output.parent.is_dir():
-        raise ValueError(f"{output}: there is no folder {output.parent}; make it first")
+    check_folder_of(output)

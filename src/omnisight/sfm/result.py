@@ -41,7 +41,8 @@ def build_reconstruction(
     """
     tracks, images = found.tracks, found.images
     which = images.keypoints(tracks)
-    rig = replace(rig, sensor_from_rig=tuple(Pose.of_matrix(pose) for pose in found.sensor_from_rig))
+    poses, unit = tuple(map(Pose.of_matrix, found.sensor_from_rig)), "m" if found.has_scale else "units"
+    rig = replace(rig, sensor_from_rig=poses, unit=unit)
     of_map = covariances(found)
     if images.pixels is not None:
         rig = replace(rig, cameras=images.pixels.free.at(found.values, of_map.values))

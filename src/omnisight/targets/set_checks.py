@@ -13,6 +13,8 @@ from omnisight.targets.duplicates import MAX_COPY_MOVEMENT_PX, find_duplicates
 
 # Distance, px, of a corner outside of the image circle, whose edge is known to a pixel.
 MAX_OUTSIDE_PX = 2.0
+# Names of images in a note.
+MAX_NAMES = 5
 
 
 def with_duplicate_remarks(
@@ -33,10 +35,12 @@ def with_duplicate_remarks(
     farthest = max(moved for _, moved in duplicates.values())
     is_clip = frames_folder() in images[0].path.parents
     video = "" if is_clip else ", or use the video itself: its most informative frames are selected"
+    names = [images[i].path.name for i in duplicates]
+    listed = ", ".join(names[:MAX_NAMES]) + (" ..." if names[MAX_NAMES:] else "")
     note = (
-        f"{len(duplicates)} of {count} images with a board repeat another one (no corner moved by more than"
-        f" {farthest:.1f} px): they add no information, and make uncertainties too small; move and tilt the board"
-        f" between images{video}"
+        f"{len(names)} of {count} images with a board {'repeat' if names[1:] else 'repeats'} another one (no corner"
+        f" moved by more than {farthest:.1f} px: {listed}): copies add no information, and make uncertainties too"
+        f" small; move and tilt the board between images{video}"
     )
     return remarked, [note]
 

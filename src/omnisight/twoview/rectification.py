@@ -59,6 +59,11 @@ class Rectification(Displayed):
     max_disparity: int
 
     @property
+    def min_distance(self) -> float:
+        """Distance from the cameras beyond which no point has a larger disparity."""
+        return float(self.baseline / np.sin(self.max_disparity / self.px_per_rad))
+
+    @property
     def px_per_rad(self) -> float:
         """Pixels per radian of the angle from the baseline."""
         return float(self.camera.model.params[0])

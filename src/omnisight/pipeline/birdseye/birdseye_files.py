@@ -10,7 +10,7 @@ from typing import Any
 
 from omnisight.formats import format_of_suffix, save
 from omnisight.images import Clip, write_image
-from omnisight.images.output_paths import check_output_folder, refuse_overwrite, write_error
+from omnisight.images.output_paths import check_folder_of, check_output_folder, refuse_overwrite
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.write import check_image_suffix
 from omnisight.pipeline.birdseye.birdseye import (
@@ -134,10 +134,7 @@ def _check_output(
     outputs = [path for path in (output, save_rig) if path is not None]
     refuse_overwrite(outputs, [*sources, *others])
     for path in outputs:
-        if not path.parent.is_dir():
-            raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
-        if reason := write_error(path.parent):
-            raise ValueError(f"{path}: {reason} ({path.parent})")
+        check_folder_of(path)
     if several and _is_video(output):
         video.codec_of(output)
     if not several and is_sequence(output):

@@ -85,9 +85,11 @@ def read_positions(source: str | Path, files: ImageSet) -> KnownPositions:
     """
     found = _exif_positions(files) if str(source) == EXIF else _read_table(Path(source), files)
     if not np.isfinite(found.positions).all(axis=1).any():
-        where = "their EXIF tags" if str(source) == EXIF else source
+        where = "its EXIF tags" if str(source) == EXIF else source
         reasons = "".join(f". {warning}" for warning in found.warnings)
-        raise ValueError(f"{files.paths[0].parent}: none of the {len(files)} images has a position in {where}{reasons}")
+        raise ValueError(
+            f"{files.paths[0].parent}: none of the {len(files)} images has a valid position in {where}{reasons}"
+        )
     return found
 
 

@@ -41,8 +41,9 @@ class MetricWorld:
         """
         if sources.has_scale and sources.unit != "m":
             raise ValueError(
-                f"the lengths of the rig are in {sources.unit}, not metres: calibrate it with --square, or specify"
-                " --extrinsics unknown, which estimates its poses"
+                f"the lengths of the rig are in {sources.unit}, not metres: use a rig that was calibrated with --square"
+                " or reconstructed with --scale or --positions, or specify --extrinsics unknown, which estimates its"
+                " poses"
             )
         if options.positions is not None:
             return cls(positions=read_positions(options.positions, files))

@@ -93,7 +93,8 @@ class StitchResult(Displayed):
             return ""
         return (
             f"the seam has a disparity of {worst.disparity_deg:.2f}°: near objects, images that were not taken at the"
-            " same time, or images in the wrong order. With a rig specify the distance of the scene (--at 3m)"
+            " same time, or images in the wrong order. With a rig, --at auto estimates the distance of the scene, and"
+            " --at 3m specifies it"
         )
 
 

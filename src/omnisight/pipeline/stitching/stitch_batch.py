@@ -65,7 +65,8 @@ class StitchTask:
     def description(self) -> dict[str, Any]:
         """What determines the spheres."""
         own = self.seam_plan
-        plan = digest(own.samplers, own.photometry, own.seams, self.camera.size, self.sphere_from_rig)
+        seams = list(own.seams.items())
+        plan = digest(own.samplers, own.photometry, seams, self.camera.size, self.sphere_from_rig)
         return describe("stitch", options=self.options, plan_from_the_first_images=plan)
 
     def prepare(self) -> Process:

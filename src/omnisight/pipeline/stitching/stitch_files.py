@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
 from omnisight.images.gpano import with_gpano
-from omnisight.images.output_paths import check_output_folder, refuse_overwrite
+from omnisight.images.output_paths import check_folder_of, check_output_folder, refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.video_encoders import encoded_depth
 from omnisight.images.video_writer import VideoWriter
@@ -183,6 +183,5 @@ def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
         check_output_folder(target, [path.parent for path in inputs])
     elif len(frames.sources) == 1 and (suffix not in IMAGE_SUFFIXES or suffix not in WRITABLE_EXTENSIONS):
         raise ValueError(f"{target}: specify an image file, such as sphere.jpg")
-    if not target.parent.is_dir():
-        raise ValueError(f"{target}: there is no folder {target.parent}; make it first")
+    check_folder_of(target)
     return target

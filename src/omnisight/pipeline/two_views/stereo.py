@@ -36,6 +36,8 @@ MIN_DISTANCE_BASELINES = 3.0
 DISPARITY_SIGMA_PX = 0.2
 # Median row difference above which blocks do not match, and error of disparities that makes distances wrong, px.
 MAX_ROW_DIFFERENCE_PX, MAX_ROTATION_PX = 1.0, 1.0
+# Share of matched points nearer than the smallest distance above which this causes a warning: some of them are wrong.
+MAX_NEAR_SHARE = 0.05
 # Difference, standard deviations, of the pose of the rig from that of the images above which they contradict.
 POSE_SIGMA = 4.0
 
@@ -54,6 +56,9 @@ class RigCheck(NamedTuple):
         epipolar half-plane of its match. NaN without inliers.
     disparity_px
         Their median disparity.
+    near, nearest
+        Number of inliers that are nearer than the smallest distance of the rectification, and the distance that 99 % of
+        all inliers exceed.
     rotation_deg, rotation_sigma_deg
         Angle between the rotation of the rig and the one that the images determine, and the standard deviation of the
         latter about its most uncertain axis.
@@ -74,6 +79,8 @@ class RigCheck(NamedTuple):
     row_deg: float = float("nan")
     row_px: float = float("nan")
     disparity_px: float = float("nan")
+    near: int = 0
+    nearest: float = float("nan")
     rotation_deg: float = float("nan")
     rotation_sigma_deg: float = float("nan")
     rotation_px: float = float("nan")
@@ -142,6 +149,22 @@ class StereoResult(Displayed):
     def __bool__(self) -> bool:
         """Return whether there are distances."""
         return not self.reason
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings that the images contradict the rig, or show objects that are nearer than the smallest distance."""
+        return tuple(text for text in (self.check.warning, self._near_warning) if text)
+
+    @property
+    def _near_warning(self) -> str:
+        check, nearest = self.check, self.rectification.min_distance
+        if not check.near > MAX_NEAR_SHARE * check.inliers:
+            return ""
+        return (
+            f"{check.near / check.inliers:.0%} of {check.inliers} matched points are nearer than {nearest:.3g}"
+            f" {self.unit}, the smallest distance that is searched: near objects have wrong or no distances. Specify a"
+            f" smaller one, such as --min-distance {0.8 * check.nearest:.2g}"
+        )
 
     @property
     def distance(self) -> NDArray[np.float32]:
@@ -243,6 +266,7 @@ def _check_rig(photos: tuple[Photo, Photo], pose: Pose, rectification: Rectifica
     row, px_per_rad = float(np.median(np.abs(across))), rectification.px_per_rad
     rotation = float(np.linalg.norm(so3.log(found.b_from_a.rotation @ pose.rotation.T)))
     disparity = float(np.median(parallax)) * px_per_rad
+    largest = np.clip(np.quantile(parallax, 0.99), 0.0, np.pi / 2)
     # A displacement of the cameras across the baseline, by a share of it, changes disparities by up to this share.
     moved, baseline = found.b_from_a.translation, pose.translation / np.linalg.norm(pose.translation)
     direction = float(angle_between(moved, baseline)) if moved.any() else np.nan
@@ -251,6 +275,8 @@ def _check_rig(photos: tuple[Photo, Photo], pose: Pose, rectification: Rectifica
         row_deg=float(np.degrees(row)),
         row_px=row * px_per_rad,
         disparity_px=disparity,
+        near=int(np.sum(parallax * px_per_rad > rectification.max_disparity)),
+        nearest=float(rectification.baseline / np.sin(largest)),
         rotation_deg=float(np.degrees(rotation)),
         rotation_sigma_deg=largest_sigma_deg(found.covariance[:3, :3]),
         rotation_px=rotation * px_per_rad,

@@ -16,5 +16,4 @@ def html(result: StereoResult) -> str:
         return summary("StereoResult", figures | {"no distances": result.reason}, None)
     low, median, high = result.quantiles
     figures |= {"distances": f"{low:.3g} to {high:.3g}, median {median:.3g} {result.unit}"}
-    notes = [check.warning] if check.warning else []
-    return summary("StereoResult", figures, photo_url(draw_distances(result)), notes)
+    return summary("StereoResult", figures, photo_url(draw_distances(result)), list(result.warnings))

@@ -1,7 +1,7 @@
 """The plan of a stitch: colours, seams and local warps, estimated once from simultaneous images of a rig."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,14 +64,14 @@ class SeamPlan:
     photometry
         Corrections of colours.
     seams
-        The seam of each camera but the first, against all before it.
+        The seam of each camera but the first, against the first and those before it: each overlaps one of them.
     quality
-        Measures of each seam.
+        Measures of the seam of each camera but the first.
     """
 
     samplers: list[Sampler]
     photometry: Photometry
-    seams: list[Seam]
+    seams: dict[int, Seam]
     quality: list[SeamQuality]
 
     @property
@@ -95,42 +95,65 @@ def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int
         Whether to warp locally where that reduces the disparity along a seam.
     """
     photometry = estimate_photometry(_overlap_samples(samplers, images), len(samplers))
-    current, seams, quality = list(samplers), list[Seam](), list[SeamQuality]()
-    for k in range(1, len(current)):
-        seam, before, disparity = _fit_seam(current, images, photometry, seams, width)
+    current, seams, quality = list(samplers), dict[int, Seam](), dict[int, SeamQuality]()
+    while len(seams) < len(current) - 1:
+        k = _next_camera(current, [0, *seams])
+        seam, before, disparity = _fit_seam(current, images, photometry, seams, k, width)
         if warp and disparity.median_px > 0:
-            warped = _warped(current, k, seam, disparity)
-            closer, after, _ = _fit_seam(warped, images, photometry, seams, width)
+            warped = _warped(current, seams, k, seam, disparity)
+            closer, after, _ = _fit_seam(warped, images, photometry, seams, k, width)
             if after.disparity_deg < before.disparity_deg:
                 seam, current = closer, warped
                 before = dataclasses.replace(after, unwarped_deg=before.disparity_deg)
-        seams.append(seam)
-        quality.append(before)
-    return SeamPlan(current, photometry, seams, quality)
+        seams[k], quality[k] = seam, before
+    return SeamPlan(current, photometry, seams, [quality[k] for k in sorted(quality)])
 
 
-def label_map(seams: Sequence[Seam], seen: Sequence[Mask], bearings: NDArray[Any]) -> NDArray[np.intp]:
+def label_map(
+    seams: Mapping[int, Seam], seen: Mapping[int, Mask] | Sequence[Mask], bearings: NDArray[Any]
+) -> NDArray[np.intp]:
     """Return the camera (H, W) that shows each direction: a camera replaces those before it inside its seam."""
     labels = np.zeros(seen[0].shape, np.intp)
     covered = seen[0].copy()
-    for k, seam in enumerate(seams, start=1):
+    for k, seam in seams.items():
         labels[seen[k] & (seam.inside(bearings) | ~covered)] = k
         covered |= seen[k]
     return labels
 
 
+def _next_camera(samplers: Sequence[Sampler], before: Sequence[int]) -> int:
+    """Return the first other camera that overlaps those before it.
+
+    Raises
+    ------
+    ValueError
+        If none does.
+    """
+    others = [k for k in range(len(samplers)) if k not in before]
+    for k in others:
+        grid = _polar_grid(samplers[k])
+        if _overlap(samplers, k, before, grid.bearings()).any():
+            return k
+    raise ValueError(_no_overlap(samplers, others[0], before))
+
+
 def _fit_seam(
-    samplers: Sequence[Sampler], images: Sequence[Bytes], photometry: Photometry, seams: Sequence[Seam], width: int
+    samplers: Sequence[Sampler],
+    images: Sequence[Bytes],
+    photometry: Photometry,
+    seams: Mapping[int, Seam],
+    k: int,
+    width: int,
 ) -> tuple[Seam, SeamQuality, Disparity]:
-    """Find the seam of the first camera that has none against all before it, and measure it."""
-    k, columns = len(seams) + 1, min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS)
-    grid = _overlap_grid(samplers, k, columns)
+    """Find the seam of camera k against the first one and those with seams, and measure it."""
+    before = [0, *seams]
+    grid = _overlap_grid(samplers, k, before, min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS))
     bearings = grid.bearings()
-    layers = [_corrected_layer(samplers[i], images[i], photometry, i, bearings) for i in range(k + 1)]
-    seen = [mask for _, mask in layers]
-    labels = label_map(seams, seen[:k], bearings)
-    outer = np.take_along_axis(np.stack([i for i, _ in layers[:k]]), labels[None, ..., None], 0)[0]
-    inner, overlap = layers[k][0], np.logical_or.reduce(seen[:k]) & seen[k]
+    layers = {i: _corrected_layer(samplers[i], images[i], photometry, i, bearings) for i in (*before, k)}
+    seen = {i: mask for i, (_, mask) in layers.items()}
+    labels = label_map(seams, seen, bearings)
+    outer = np.select([(labels == i)[..., None] for i in before], [layers[i][0] for i in before])
+    inner, overlap = layers[k][0], np.logical_or.reduce([seen[i] for i in before]) & seen[k]
     seam = find_seam(grid, inner, outer, overlap)
     disparity = measure_disparity(seam, inner, outer, overlap)
     return seam, _quality(seam, inner, outer, overlap, disparity, width), disparity
@@ -148,7 +171,17 @@ def _corrected_layer(
     return np.asarray(cv2.multiply(layer, factor, dtype=cv2.CV_8U), np.uint8), seen
 
 
-def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGrid:
+def _polar_grid(sampler: Sampler) -> PolarGrid:
+    """Return a coarse polar grid around the axis of a camera."""
+    return PolarGrid.around(sampler.axis, float(MIN_THETA), float(MAX_THETA), 256)
+
+
+def _overlap(samplers: Sequence[Sampler], k: int, before: Sequence[int], bearings: Array) -> Mask:
+    """Return which directions (H, W, 3) camera k and one of those before it see."""
+    return np.logical_or.reduce([samplers[i].map(bearings)[2] for i in before]) & samplers[k].map(bearings)[2]
+
+
+def _overlap_grid(samplers: Sequence[Sampler], k: int, before: Sequence[int], columns: int) -> PolarGrid:
     """Return a polar grid around the axis of camera k that covers its overlap with those before it.
 
     Raises
@@ -156,12 +189,10 @@ def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGri
     ValueError
         If there is no overlap.
     """
-    coarse = PolarGrid.around(samplers[k].axis, float(MIN_THETA), float(MAX_THETA), 256)
-    bearings = coarse.bearings()
-    overlap = np.logical_or.reduce([s.map(bearings)[2] for s in samplers[:k]]) & samplers[k].map(bearings)[2]
-    rows = np.flatnonzero(overlap.any(1))
+    coarse = _polar_grid(samplers[k])
+    rows = np.flatnonzero(_overlap(samplers, k, before, coarse.bearings()).any(1))
     if not rows.size:
-        raise ValueError(_no_overlap(samplers, k, bearings, coarse))
+        raise ValueError(_no_overlap(samplers, k, before))
     shortest = MIN_SEAM_ROWS * 2 * np.pi / columns
     middle = (coarse.theta[rows[0]] + coarse.theta[rows[-1]]) / 2
     half = max((coarse.theta[rows[-1]] - coarse.theta[rows[0]]) / 2 + 1 / coarse.px_per_rad, shortest / 2)
@@ -169,27 +200,31 @@ def _overlap_grid(samplers: Sequence[Sampler], k: int, columns: int) -> PolarGri
     return PolarGrid.around(samplers[k].axis, low, high, columns)
 
 
-def _no_overlap(samplers: Sequence[Sampler], k: int, bearings: Array, grid: PolarGrid) -> str:
-    """Return the message of a camera that sees nothing that another one sees, with the angle that is missing."""
+def _no_overlap(samplers: Sequence[Sampler], k: int, before: Sequence[int]) -> str:
+    """Return the message of a camera that sees nothing that those before it see, with the angle that is missing."""
+    grid = _polar_grid(samplers[k])
+    bearings = grid.bearings()
     own = samplers[k].map(bearings)[2]
-    others = np.logical_or.reduce([s.map(bearings)[2] for s in samplers[:k]])
+    others = np.logical_or.reduce([samplers[i].map(bearings)[2] for i in before])
     inner = grid.theta[np.where(own.any(1))[0].max()] if own.any() else 0.0
     outer = grid.theta[np.where(others.any(1))[0].min()] if others.any() else np.pi
     return (
-        f"camera {k + 1} and those before it have no overlap: their fields of view are"
+        f"camera {k + 1} has no overlap with {', '.join(str(i + 1) for i in before)}: their fields of view are"
         f" {np.degrees(max(outer - inner, 0.0)):.1f}° apart. Check that the images are of different lenses, and the"
         " fields of view (theta_max), poses and masks of a rig"
     )
 
 
-def _warped(samplers: Sequence[Sampler], k: int, seam: Seam, disparity: Disparity) -> list[Sampler]:
+def _warped(
+    samplers: Sequence[Sampler], seams: Mapping[int, Seam], k: int, seam: Seam, disparity: Disparity
+) -> list[Sampler]:
     """Return the samplers, where camera k and those before it meet in the middle.
 
     What the inner image shows at x the outer one shows at x + flow: the inner is sampled at x - flow / 2.
     """
     return [
         dataclasses.replace(s, warps=(SeamWarp(seam, disparity.flow, -0.5 if i == k else 0.5), *s.warps))
-        if i <= k
+        if i in (0, *seams, k)
         else s
         for i, s in enumerate(samplers)
     ]
