@@ -70,8 +70,9 @@ def print_report(result: StitchResult, output: str, save_rig: Path | None) -> No
         f" ({worst.unwarped_deg:.3f}° before the local warp), step {worst.photometric_step:.1f} of 255"
     )
     width, height = result.camera.size
-    frames = f"{result.frames} frames, {result.frame_seconds:.2f} s each" if result.frames > 1 else ""
-    took = frames or f"{result.frame_seconds:.2f} s"
+    estimates = result.seconds - result.frames * result.frame_seconds
+    frames = f"{result.frames} frames, {result.frame_seconds:.2f} s each after {estimates:.1f} s for the estimates"
+    took = frames if result.frames > 1 else f"{result.seconds:.1f} s"
     print(f"sphere     {width}x{height}, {result.covered:.1%} covered, {took}")
     print(f"written    {', '.join(str(path) for path in (output, save_rig) if path is not None)}")
     if result.warning:
