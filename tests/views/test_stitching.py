@@ -112,3 +112,13 @@ def test_the_vertical_of_stripes_along_meridians_is_recovered():
 def test_an_image_without_edges_has_no_vertical():
     flat = np.full((256, 512, 3), 90, np.uint8)
     assert "edge pixels" in estimate_vertical(flat, sphere_bearings(512), np.array([0.0, -1.0, 0.0])).reason
+
+
+@pytest.mark.parametrize("edge", range(120, 128))
+def test_the_edge_of_an_image_leaves_no_line_where_both_images_are_equal(edge):
+    """The seam follows the edge of the first image, which is black where it shows nothing."""
+    height, width = 128, 256
+    seen = [np.broadcast_to(np.arange(width) < edge, (height, width)), np.ones((height, width), bool)]
+    labels = np.where(seen[0], 0, 1)
+    images = [np.repeat(np.where(mask, 150, 0).astype(np.uint8)[..., None], 3, -1) for mask in seen]
+    np.testing.assert_allclose(Blender(labels, seen)(images), 150, atol=1)

@@ -40,11 +40,15 @@ class Blender:
         total = np.maximum(sum(weights), 1e-6)
         self.weights: list[Floats] = [np.asarray(w / total, np.float32) for w in weights]
         self._small = max(1, width // REDUCTION), max(1, height // REDUCTION)
-        self._low_seen = [
-            cv2.resize(mask.astype(np.float32), self._small, interpolation=cv2.INTER_AREA) for mask in seen
-        ]
-        self._low = [cv2.resize(w, self._small, interpolation=cv2.INTER_AREA)[..., None] for w in self.weights]
-        self._masks = [_pyramid(_padded(w[..., 0])) for w in self._low]
+        low_seen = [cv2.resize(mask.astype(np.float32), self._small, interpolation=cv2.INTER_AREA) for mask in seen]
+        self._shown = [(share > 0.999)[..., None] for share in low_seen]
+        low = [cv2.resize(w, self._small, interpolation=cv2.INTER_AREA)[..., None] for w in self.weights]
+        self._masks = [_pyramid(_padded(w[..., 0])) for w in low]
+        self._covered = sum(low) > 0.5
+        # A reduced pixel at the edge of an image is a mean with what the image does not show.
+        whole = [w * shown for w, shown in zip(low, self._shown, strict=True)]
+        share = np.where(sum(whole) > 0, sum(low) / np.maximum(sum(whole), 1e-6), 0)
+        self._low = [np.where(share > 0, share * w, edge) for w, edge in zip(whole, low, strict=True)]
 
     def __call__(self, images: Sequence[Bytes]) -> Bytes:
         """Blend images (H, W, 3) of uint8 of the sphere; what an image does not show is ignored."""
@@ -69,10 +73,7 @@ class Blender:
 
         plain = sum(image * w for image, w in zip(reduced, self._low, strict=True))
         # Where an image shows nothing it continues as the others, so that no band has an edge there.
-        filled = [
-            image * (seen > 0.999)[..., None] + plain * (seen <= 0.999)[..., None]
-            for image, seen in zip(reduced, self._low_seen, strict=True)
-        ]
+        filled = [np.where(shown, image, plain) for image, shown in zip(reduced, self._shown, strict=True)]
         bands: list[Any] = []
         for image, masks in zip(filled, self._masks, strict=True):
             gaussian = _pyramid(_padded(image))
@@ -92,8 +93,7 @@ class Blender:
             blended = cv2.pyrUp(blended, dstsize=band.shape[1::-1]) + band
         plain = np.asarray(plain)
         pad = _padding(plain.shape)
-        covered = np.asarray(sum(self._low))[..., 0] > 0.5
-        return np.asarray((blended[pad:-pad, pad:-pad] - plain) * covered[..., None], np.float32)
+        return np.asarray((blended[pad:-pad, pad:-pad] - plain) * self._covered, np.float32)
 
 
 def _padding(shape: tuple[int, ...]) -> int:
