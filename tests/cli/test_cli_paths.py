@@ -22,8 +22,15 @@ def test_paths_may_contain_spaces_accents_and_brackets(run, shots, tmp_path, nam
     assert "4 of 4 images" in run("calibrate", f"{glob.escape(str(copy))}/[2-5].png", *QUICK)[1]
 
 
-@pytest.mark.parametrize("kind", ["no folder", "under a file", "a folder itself"])
-def test_an_output_without_a_folder_is_rejected_before_detection(refuses, shots, tmp_path, monkeypatch, kind):
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("no folder", "there is no folder"),
+        ("under a file", "file is a file, not a folder"),
+        ("a folder itself", "is a folder"),
+    ],
+)
+def test_an_output_without_a_folder_is_rejected_before_detection(refuses, shots, tmp_path, monkeypatch, kind, reason):
     monkeypatch.setattr(
         "omnisight.pipeline.detection.detect.detect_boards", raises_error(AssertionError("detection started"))
     )
@@ -35,7 +42,7 @@ def test_an_output_without_a_folder_is_rejected_before_detection(refuses, shots,
     }[kind]
     error = refuses("calibrate", shots, *QUICK, "-o", output)
     assert str(output) in error
-    assert ("is a folder" if kind == "a folder itself" else "there is no folder") in error
+    assert reason in error
 
 
 def test_a_read_only_output_folder_is_rejected_before_detection(refuses, shots, tmp_path, monkeypatch):

@@ -142,7 +142,7 @@ def test_convert_advises_a_camera_only_of_a_file_that_has_cameras(refuses, tmp_p
     kalibr = save(surround_car(), tmp_path / "k.yaml", format="kalibr", max_error=np.inf).path
     for files in ([tmp_path / "board.yaml"], [tmp_path / "board.yaml", kalibr]):
         message = refuses("convert", *files, "--to", "native", "-o", tmp_path / "rig.json")
-        assert "board.yaml: not a calibration file" in message
+        assert "board.yaml: describes a board (--target), not a camera" in message
         assert "--name" not in message
 
 
