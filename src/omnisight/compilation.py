@@ -53,10 +53,12 @@ def compile_in_parallel(parts: Callable[[], Sequence[str]]) -> Generator[None]:
     """
     from omnisight.parallel import thread_count
 
-    other_cores = iter([thread_count() - 1])
+    other_cores = thread_count() - 1
 
     def start(function: str, seconds: float | None) -> None:
-        if count := next(other_cores, 0):
+        nonlocal other_cores
+        if other_cores:
+            count, other_cores = other_cores, 0
             _processes.extend(start_processes(*parts()[:count]))
 
     with watch_compilation(start):

@@ -102,7 +102,7 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"rotation    {figure}")
         if model.has_scale:
             print(f"scale       {_describe_scale(model)}")
-        elif len(model.names) > 1:
+        elif len(model) > 1:
             print("scale       arbitrary")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)

@@ -17,7 +17,7 @@ from omnisight.formats._protocol import Format, FormatError, RigFormat, SaveResu
 from omnisight.formats._readers import reader_note
 from omnisight.geometry.rotation import log
 from omnisight.images import IMAGE_SUFFIXES, write_bytes
-from omnisight.images.output_paths import check_output_folder
+from omnisight.images.output_paths import nearest_existing
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 
@@ -283,14 +283,12 @@ def load_rig(path: str | Path) -> Rig:
 def _write(path: str | Path, text: str) -> None:
     """Write a file, in a new folder if necessary; raise `FormatError` if that fails."""
     try:
-        check_output_folder(Path(path).parent)
-    except ValueError as error:
-        raise FormatError(f"{path}: {error}") from None
-    try:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         write_bytes(path, encode(text))
     except OSError as error:
-        raise FormatError(f"{path}: cannot be written: {error.strerror or error}") from error
+        existing = nearest_existing(Path(path).parent)
+        reason = (error.strerror or error) if existing.is_dir() else f"{existing} is a file, not a folder"
+        raise FormatError(f"{path}: cannot be written: {reason}") from error
 
 
 def difference_px(camera: Camera, other: Camera) -> float:

@@ -52,13 +52,19 @@ def drawing_paths(paths: Sequence[Path], folder: Path) -> list[Path]:
     return files
 
 
+def nearest_existing(folder: Path) -> Path:
+    """Return a path, or the nearest of those above it that exists."""
+    return next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+
+
 def check_folder_of(output: Path) -> None:
     """Raise `ValueError` if the folder of an output file does not exist, or cannot be written."""
     folder = output.parent
-    if not folder.is_dir():
-        file = next((parent for parent in (folder, *folder.parents) if parent.is_file()), None)
-        problem = f"there is no folder {folder}; make it first" if file is None else f"{file} is a file, not a folder"
-        raise ValueError(f"{output}: {problem}")
+    existing = nearest_existing(folder)
+    if not existing.is_dir():
+        raise ValueError(f"{output}: {existing} is a file, not a folder")
+    if existing != folder:
+        raise ValueError(f"{output}: there is no folder {folder}; make it first")
     if reason := write_error(folder):
         raise ValueError(f"{output}: {reason} ({folder})")
 
@@ -69,7 +75,7 @@ def check_output_folder(folder: Path, inputs: Iterable[Path] = ()) -> None:
         raise ValueError(
             f"{folder}: contains the images, and the output would be read with them next time; choose another folder"
         )
-    existing = next(parent for parent in (folder, *folder.absolute().parents) if parent.exists())
+    existing = nearest_existing(folder)
     if not existing.is_dir():
         raise ValueError(f"{existing}: is a file; choose a folder")
     if reason := write_error(existing):

@@ -35,7 +35,6 @@ class Blender:
         import cv2
 
         height, width = labels.shape
-        self._seen = [np.ascontiguousarray(mask) for mask in seen]
         weights = [_blurred((labels == k).astype(np.float32), FEATHER_PX) * mask for k, mask in enumerate(seen)]
         total = np.maximum(sum(weights), 1e-6)
         self.weights: list[Floats] = [np.asarray(w / total, np.float32) for w in weights]
@@ -47,8 +46,8 @@ class Blender:
         self._covered = sum(low) > 0.5
         # A reduced pixel at the edge of an image is a mean with what the image does not show.
         whole = [w * shown for w, shown in zip(low, self._shown, strict=True)]
-        share = np.where(sum(whole) > 0, sum(low) / np.maximum(sum(whole), 1e-6), 0)
-        self._low = [np.where(share > 0, share * w, edge) for w, edge in zip(whole, low, strict=True)]
+        share = sum(low) / np.maximum(sum(whole), 1e-6)
+        self._low = [np.where(sum(whole) > 0, share * w, edge) for w, edge in zip(whole, low, strict=True)]
 
     def __call__(self, images: Sequence[Bytes]) -> Bytes:
         """Blend images (H, W, 3) of uint8 of the sphere; what an image does not show is ignored."""

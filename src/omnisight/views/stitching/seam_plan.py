@@ -97,11 +97,11 @@ def plan_stitch(samplers: Sequence[Sampler], images: Sequence[Bytes], width: int
     photometry = estimate_photometry(_overlap_samples(samplers, images), len(samplers))
     current, seams, quality = list(samplers), dict[int, Seam](), dict[int, SeamQuality]()
     while len(seams) < len(current) - 1:
-        k = _next_camera(current, [0, *seams])
-        seam, before, disparity = _fit_seam(current, images, photometry, seams, k, width)
+        others = [k for k in range(1, len(current)) if k not in seams]
+        k, seam, before, disparity = _fit_seam(current, images, photometry, seams, others, width)
         if warp and disparity.median_px > 0:
             warped = _warped(current, seams, k, seam, disparity)
-            closer, after, _ = _fit_seam(warped, images, photometry, seams, k, width)
+            _, closer, after, _ = _fit_seam(warped, images, photometry, seams, [k], width)
             if after.disparity_deg < before.disparity_deg:
                 seam, current = closer, warped
                 before = dataclasses.replace(after, unwarped_deg=before.disparity_deg)
@@ -121,33 +121,17 @@ def label_map(
     return labels
 
 
-def _next_camera(samplers: Sequence[Sampler], before: Sequence[int]) -> int:
-    """Return the first other camera that overlaps those before it.
-
-    Raises
-    ------
-    ValueError
-        If none does.
-    """
-    others = [k for k in range(len(samplers)) if k not in before]
-    for k in others:
-        grid = _polar_grid(samplers[k])
-        if _overlap(samplers, k, before, grid.bearings()).any():
-            return k
-    raise ValueError(_no_overlap(samplers, others[0], before))
-
-
 def _fit_seam(
     samplers: Sequence[Sampler],
     images: Sequence[Bytes],
     photometry: Photometry,
     seams: Mapping[int, Seam],
-    k: int,
+    others: Sequence[int],
     width: int,
-) -> tuple[Seam, SeamQuality, Disparity]:
-    """Find the seam of camera k against the first one and those with seams, and measure it."""
+) -> tuple[int, Seam, SeamQuality, Disparity]:
+    """Find the seam of one of the other cameras against the first one and those with seams, and measure it."""
     before = [0, *seams]
-    grid = _overlap_grid(samplers, k, before, min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS))
+    k, grid = _next_overlap(samplers, others, before, min(max(MIN_SEAM_COLUMNS, width), MAX_SEAM_COLUMNS))
     bearings = grid.bearings()
     layers = {i: _corrected_layer(samplers[i], images[i], photometry, i, bearings) for i in (*before, k)}
     seen = {i: mask for i, (_, mask) in layers.items()}
@@ -156,7 +140,7 @@ def _fit_seam(
     inner, overlap = layers[k][0], np.logical_or.reduce([seen[i] for i in before]) & seen[k]
     seam = find_seam(grid, inner, outer, overlap)
     disparity = measure_disparity(seam, inner, outer, overlap)
-    return seam, _quality(seam, inner, outer, overlap, disparity, width), disparity
+    return k, seam, _quality(seam, inner, outer, overlap, disparity, width), disparity
 
 
 def _corrected_layer(
@@ -176,23 +160,30 @@ def _polar_grid(sampler: Sampler) -> PolarGrid:
     return PolarGrid.around(sampler.axis, float(MIN_THETA), float(MAX_THETA), 256)
 
 
-def _overlap(samplers: Sequence[Sampler], k: int, before: Sequence[int], bearings: Array) -> Mask:
-    """Return which directions (H, W, 3) camera k and one of those before it see."""
-    return np.logical_or.reduce([samplers[i].map(bearings)[2] for i in before]) & samplers[k].map(bearings)[2]
-
-
-def _overlap_grid(samplers: Sequence[Sampler], k: int, before: Sequence[int], columns: int) -> PolarGrid:
-    """Return a polar grid around the axis of camera k that covers its overlap with those before it.
+def _next_overlap(
+    samplers: Sequence[Sampler], others: Sequence[int], before: Sequence[int], columns: int
+) -> tuple[int, PolarGrid]:
+    """Return the first other camera that overlaps those before it, and a polar grid that covers the overlap.
 
     Raises
     ------
     ValueError
-        If there is no overlap.
+        If none does.
     """
+    for k in others:
+        if (grid := _overlap_grid(samplers, k, before, columns)) is not None:
+            return k, grid
+    raise ValueError(_no_overlap(samplers, others[0], before))
+
+
+def _overlap_grid(samplers: Sequence[Sampler], k: int, before: Sequence[int], columns: int) -> PolarGrid | None:
+    """Return a polar grid around the axis of camera k that covers its overlap with those before it, if there is any."""
     coarse = _polar_grid(samplers[k])
-    rows = np.flatnonzero(_overlap(samplers, k, before, coarse.bearings()).any(1))
+    bearings = coarse.bearings()
+    overlap = np.logical_or.reduce([samplers[i].map(bearings)[2] for i in before]) & samplers[k].map(bearings)[2]
+    rows = np.flatnonzero(overlap.any(1))
     if not rows.size:
-        raise ValueError(_no_overlap(samplers, k, before))
+        return None
     shortest = MIN_SEAM_ROWS * 2 * np.pi / columns
     middle = (coarse.theta[rows[0]] + coarse.theta[rows[-1]]) / 2
     half = max((coarse.theta[rows[-1]] - coarse.theta[rows[0]]) / 2 + 1 / coarse.px_per_rad, shortest / 2)
