@@ -5,9 +5,8 @@ Namespace http://ns.google.com/photos/1.0/panorama/ (Google, Photo Sphere XMP Me
 
 import re
 
-from omnisight.images.headers import JPEG_MAGIC, jpeg_segments
+from omnisight.images.headers import APP1, JPEG_MAGIC, jpeg_segments, with_app1
 
-_APP1 = 0xE1
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 
 
@@ -55,19 +54,13 @@ def with_gpano(jpeg: bytes, size: tuple[int, int], *, heading: float | None = No
         f' xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {attributes}/></rdf:RDF></x:xmpmeta>'
         '<?xpacket end="w"?>'
     )
-    payload = _XMP + packet.encode()
-    segment = b"\xff" + bytes([_APP1]) + (len(payload) + 2).to_bytes(2, "big") + payload
-    # After the JFIF header, which must be the first segment.
-    at = 2
-    if jpeg[2:4] == b"\xff\xe0":
-        at = 4 + int.from_bytes(jpeg[4:6], "big")
-    return jpeg[:at] + segment + jpeg[at:]
+    return with_app1(jpeg, _XMP + packet.encode())
 
 
 def read_gpano(data: bytes) -> dict[str, str]:
     """Return the GPano tags of a JPEG file by name; empty if there are none."""
     if data.startswith(JPEG_MAGIC):
         for marker, payload in jpeg_segments(data):
-            if marker == _APP1 and payload.startswith(_XMP):
+            if marker == APP1 and payload.startswith(_XMP):
                 return dict(re.findall(r'GPano:(\w+)="([^"]*)"', payload.decode("utf-8", "replace")))
     return {}

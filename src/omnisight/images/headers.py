@@ -1,4 +1,4 @@
-"""Checks of the structure of JPEG and PNG files before they are decoded.
+"""The structure of JPEG and PNG files: checks before they are decoded, and their segments and chunks.
 
 Decoders are too lenient for measurements: they return a truncated JPEG at full size with a gray lower part. These
 checks read the structure only, not the pixels, and never read past the end of the data.
@@ -11,11 +11,13 @@ from collections.abc import Iterator
 
 JPEG_MAGIC = b"\xff\xd8\xff"
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+# Marker of a JPEG segment with EXIF tags or an XMP packet, and its largest payload.
+APP1, MAX_PAYLOAD = 0xE1, 0xFFFF - 2
 
 # Characters and bytes of other files that messages show.
 SHOWN_CHARACTERS, SHOWN_BYTES = 16, 5
 
-_SOI_LENGTH = 2
+_SOI_LENGTH, _JFIF, _PNG_HEADER_LENGTH = 2, b"\xff\xe0", 13
 _EOI, _SOS = 0xD9, 0xDA
 _STANDALONE = frozenset({0x01, *range(0xD0, 0xD8)})
 _FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
@@ -74,18 +76,41 @@ def find_jpeg_defect(data: bytes) -> str | None:
 def find_png_defect(data: bytes) -> str | None:
     """Return what is wrong with the structure of a PNG file (chunk lengths, checksums, IEND), or None."""
     at = len(PNG_MAGIC)
-    while at + 12 <= len(data):
-        (length,) = struct.unpack_from(">I", data, at)
-        end = at + 12 + length
-        kind = data[at + 4 : at + 8]
-        if end > len(data):
-            break
-        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+    for kind, payload in png_chunks(data):
+        checksum_at = at + 8 + len(payload)
+        checksum = data[checksum_at : checksum_at + 4]
+        if zlib.crc32(memoryview(data)[at + 4 : checksum_at]) != int.from_bytes(checksum, "big"):
             return f"damaged PNG (checksum of chunk {kind!r} at byte {at})"
         if kind == b"IEND":
             return None
-        at = end
+        at = checksum_at + 4
     return "truncated PNG (no IEND chunk)"
+
+
+def png_chunks(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield (kind, payload) of each complete PNG chunk."""
+    at = len(PNG_MAGIC)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        if at + 12 + length > len(data):
+            return
+        yield data[at + 4 : at + 8], data[at + 8 : at + 8 + length]
+        at += 12 + length
+
+
+def with_app1(jpeg: bytes, payload: bytes) -> bytes:
+    """Return a JPEG file with one more segment `APP1`, after the JFIF header, which must be the first one."""
+    at = _SOI_LENGTH
+    if jpeg[at : at + 2] == _JFIF:
+        at += 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
+    return jpeg[:at] + bytes([0xFF, APP1]) + (len(payload) + 2).to_bytes(2, "big") + payload + jpeg[at:]
+
+
+def with_png_chunk(png: bytes, kind: bytes, payload: bytes) -> bytes:
+    """Return a PNG file with one more chunk, after the header."""
+    at = len(PNG_MAGIC) + 12 + _PNG_HEADER_LENGTH
+    chunk = kind + payload
+    return png[:at] + struct.pack(">I", len(payload)) + chunk + struct.pack(">I", zlib.crc32(chunk)) + png[at:]
 
 
 def declared_size(data: bytes) -> tuple[int, int] | None:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from omnisight.geometry.geodesy import east_north_up
 from omnisight.images import GeodeticPosition, exif_position
+from omnisight.images.exif import EXIF_BYTES
 from omnisight.pipeline.inputs.image_set import ImageSet
 
 Array = NDArray[np.float64]
 
-# Bytes of a JPEG file that contain its EXIF tags: segments of up to 64 KiB, the first of which may be another.
-EXIF_BYTES = 1 << 17
 EXIF = "exif"
 DELIMITERS = (",", ";", "\t")
 METRIC = ("x", "y", "z")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.formats import load_rig
 from omnisight.images import IMAGE_SUFFIXES, decode_image
+from omnisight.images.view_tags import view_tags
 from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import output_names
 from omnisight.pipeline.batch.storage import file_system, list_images, read_file
@@ -87,7 +88,7 @@ class StitchTask:
                 stitchers.clear()
                 stitchers[item.group] = self.stitcher(images[count:] if item.group else None)
             sphere, heading = stitchers[item.group](images[:count]), self.options.heading
-            return [encode_sphere(sphere, item.outputs[0], heading, is_level=self.is_level)]
+            return [encode_sphere(sphere, item.outputs[0], view_tags(data[0]), heading, is_level=self.is_level)]
 
         return stitch
 

@@ -14,6 +14,7 @@ from omnisight.images.output_paths import check_folder_of, check_output_folder, 
 from omnisight.images.planes import Yuv
 from omnisight.images.video_encoders import encoded_depth
 from omnisight.images.video_writer import VideoWriter
+from omnisight.images.view_tags import read_view_tags, with_view_tags
 from omnisight.images.write import WRITABLE_EXTENSIONS
 from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
@@ -126,12 +127,14 @@ def _of_cameras(frames: list[Yuv], cameras: int) -> list[Yuv]:
 
 
 def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
-    """Write the sphere (H, W, 3) of a frame, and return its file."""
+    """Write the sphere (H, W, 3) of a frame with the tags of its first image, and return its file."""
     if job.target is None:
         return []
     path = _image_files(job.target, job.frames)[index]
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, encode_sphere(sphere, path.name, job.options.heading, is_level=job.is_level))
+    source = job.frames.sources[index][0]
+    tags = b"" if isinstance(source, np.ndarray) else read_view_tags(Path(source))
+    write_bytes(path, encode_sphere(sphere, path.name, tags, job.options.heading, is_level=job.is_level))
     return [path]
 
 
@@ -147,12 +150,15 @@ def check_sizes(images: Sequence[Bytes], plan: SeamPlan, names: Sequence[object]
         check_size((image.shape[1], image.shape[0]), sampler.camera.size, name)
 
 
-def encode_sphere(sphere: Bytes, name: str, heading: float | None, *, is_level: bool) -> bytes:
-    """Return the bytes of an image file of a sphere (H, W, 3), with tags if it is a JPEG file."""
+def encode_sphere(sphere: Bytes, name: str, tags: bytes, heading: float | None, *, is_level: bool) -> bytes:
+    """Return the bytes of an image file of a sphere (H, W, 3).
+
+    It has the tags of a photo, of `view_tags`, and those of a sphere if it is a JPEG file.
+    """
     data = encode_image(sphere, name)
-    if Path(name).suffix.lower() not in (".jpg", ".jpeg"):
-        return data
-    return with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=heading, is_level=is_level)
+    if Path(name).suffix.lower() in (".jpg", ".jpeg"):
+        data = with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=heading, is_level=is_level)
+    return with_view_tags(data, tags)
 
 
 def check_suffix(target: Path) -> None:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import save
-from omnisight.images import collect_images, read_image, write_image
+from omnisight.images import collect_images, encode_image, read_image, write_bytes, write_image
 from omnisight.images.output_paths import check_output_folder, output_paths, refuse_overwrite
+from omnisight.images.view_tags import read_view_tags, with_view_tags
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
@@ -177,7 +178,7 @@ def view_images(
                 each.errors.append(str(error))
             continue
         for each in written:
-            each.write(image, i, path.name)
+            each.write(image, i, path)
     progress("view", len(paths), len(paths))
     results = tuple(each.result() for each in written)
     render = written[0].renderer
@@ -217,17 +218,18 @@ class _ImageView:
             raise ValueError(skipped_message(self.errors, len(self.files)))
         return self._renderer
 
-    def write(self, image: NDArray[Any], index: int, name: str) -> None:
-        """Write the view of an image; raise `ValueError` only if it is the only one."""
+    def write(self, image: NDArray[Any], index: int, path: Path) -> None:
+        """Write the view of an image, with its tags; raise `ValueError` only if it is the only one."""
+        file, name = self.files[index], path.name
         try:
             if self._renderer is None:
                 size = image.shape[1], image.shape[0]
                 self._renderer = ViewRenderer(camera_of_image(None, size, name, name=None, scale=False), self._options)
             view = self._renderer(image, name)
             if len(self.files) > 1:
-                self.files[index].parent.mkdir(parents=True, exist_ok=True)
-            write_image(self.files[index], view)
-            self._written.append(self.files[index])
+                file.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(file, with_view_tags(encode_image(view, file.name), read_view_tags(path)))
+            self._written.append(file)
         except ValueError as error:
             if len(self.files) == 1:
                 raise

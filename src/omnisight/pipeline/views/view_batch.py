@@ -7,6 +7,7 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats.native import to_json
 from omnisight.images.read import decode_image
+from omnisight.images.view_tags import view_tags, with_view_tags
 from omnisight.images.write import encode_image
 from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import items_of_images
@@ -45,7 +46,7 @@ class ViewTask:
         def view(item: Item, data: Sequence[bytes]) -> list[bytes]:
             (name,), (content,) = item.names, data
             image = decode_image(content, name, apply_exif=self.options.apply_exif)
-            return [encode_image(render(image, name), item.outputs[0])]
+            return [with_view_tags(encode_image(render(image, name), item.outputs[0]), view_tags(content))]
 
         return view
 
