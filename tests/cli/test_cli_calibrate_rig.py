@@ -8,6 +8,7 @@ import pytest
 import omnisight as om
 from clips import rendered_clip, write_clip
 from omnisight.geometry import rotation as so3
+from omnisight.pipeline.detection.detect import source_paths
 from omnisight.pipeline.rig_calibration.rig_sources import named_sources, with_common_frames
 from omnisight.pipeline.rig_calibration.simultaneous_views import read_times, simultaneous_views
 from omnisight.progress import no_progress
@@ -58,6 +59,32 @@ def test_sub_folders_and_clips_of_a_recording_are_cameras(items, names, tmp_path
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
     assert sorted(named_sources(items)) == sorted(names)
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        ([f"{side}{k}.jpg" for side in ("left", "right") for k in range(1, 5)], ["left", "right"]),
+        ([f"cam{c}_{k:03d}.png" for c in (0, 1, 2) for k in range(4)], ["cam0", "cam1", "cam2"]),
+        ([f"frame{k}-{side}.png" for side in ("a", "b") for k in range(3)], ["frame-a", "frame-b"]),
+    ],
+)
+def test_names_of_images_in_one_folder_divide_them_by_camera(files, names, tmp_path):
+    folder = tmp_path / "all [1]"
+    folder.mkdir()
+    for file in files:
+        (folder / file).touch()
+    sources = named_sources([folder])
+    assert list(sources) == names
+    assert sum(len(source_paths([source])) for source in sources.values()) == len(files)
+
+
+@pytest.mark.parametrize("first", [1, 50])
+def test_numbered_images_of_one_camera_are_no_rig(first, tmp_path):
+    for name in [f"IMG_{k}.jpg" for k in range(8)] + [f"DSC_{k + first}.jpg" for k in range(8) if first > 8]:
+        (tmp_path / name).touch()
+    with pytest.raises(ValueError, match="1 camera, and a rig has at least two"):
+        named_sources([tmp_path])
 
 
 def test_a_single_source_that_is_missing_or_of_one_camera_is_refused(tmp_path):

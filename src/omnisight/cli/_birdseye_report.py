@@ -7,6 +7,9 @@ from omnisight.cli._output import warn, write_json
 from omnisight.pipeline.birdseye.birdseye import LengthErrors
 from omnisight.pipeline.birdseye.birdseye_files import BirdseyeFiles
 
+# Smallest part of the view that is printed if no camera sees it.
+SHOWN_SHARE = 0.0005
+
 
 def print_json(written: BirdseyeFiles) -> None:
     """Print the result as one JSON object."""
@@ -17,6 +20,7 @@ def print_json(written: BirdseyeFiles) -> None:
         "cameras": [_camera(written, k) for k in range(len(result.rig))],
         "meters_per_pixel": view.meters_per_pixel,
         "size": list(view.size),
+        "unseen_share": round(float(result.renderer.unseen.mean()), 4),
         "frames": written.frames,
         "length_errors_cm": _lengths(errors) | {"across_seams": _lengths(across)} if errors.count else None,
         "seam_step": None if math.isnan(result.seam_step) else round(result.seam_step, 3),
@@ -42,7 +46,7 @@ def print_report(written: BirdseyeFiles) -> None:
             own = result.length_errors(data["name"])
             row += f"{data['marks']:>8}{data['rms_px']:>9.2f}" if data["marks"] else ""
             row += f"{own.median:>21.2f}{own.maximum:>7.2f}" if own.count else ""
-        print(row)
+        print(row.rstrip())
     for label, lengths in (("lengths", errors), ("across seams", result.length_errors(across=True))):
         if lengths.count:
             print(
@@ -50,7 +54,9 @@ def print_report(written: BirdseyeFiles) -> None:
                 f" {lengths.count} lengths"
             )
     width, height = view.size
-    print(f"view          {width}x{height} px, {100 * view.meters_per_pixel:g} cm per pixel")
+    unseen = result.renderer.unseen.mean()
+    black = f", {unseen:.1%} of it seen by no camera and black" if unseen >= SHOWN_SHARE else ""
+    print(f"view          {width}x{height} px, {100 * view.meters_per_pixel:g} cm per pixel{black}")
     if not math.isnan(result.seam_step):
         print(f"seams         {result.seam_step:.1f} gray levels between neighbouring images")
     if result.warning:

@@ -17,7 +17,8 @@ def birdseye(
     images: list[Path],
     /,
     *,
-    rig: Path,
+    rig: Path | None = None,
+    camera: list[str] | None = None,
     output: Annotated[Path, Parameter(alias="-o")],
     options: Annotated[BirdseyeOptions, Parameter(name="*")] = BirdseyeOptions(),
     video: Annotated[VideoOptions, Parameter(name="*")] = VideoOptions(),
@@ -35,6 +36,9 @@ def birdseye(
         back/, right.mp4.
     rig
         File of the rig, or of its only camera.
+    camera
+        Calibration file of a camera, NAME=FILE, in place of a rig; once per camera. The poses of the cameras follow
+        from marks on the ground (--ground).
     output
         Image to write; for clips and folders a video (.mp4) or a folder of images.
     save_rig
@@ -42,9 +46,13 @@ def birdseye(
     """
     from omnisight.cli._birdseye_report import print_json, print_report
     from omnisight.pipeline.birdseye.birdseye_files import write_birdseye
+    from omnisight.pipeline.inputs.named_files import named_files
 
+    if (rig is None) == (not camera):
+        raise ValueError("specify either the rig (--rig rig.json) or its cameras (--camera front=front.json ...)")
+    body = rig or named_files(camera or [])
     with progress() as report:
-        written = write_birdseye(images, rig, output, options, video=video, save_rig=save_rig, progress=report)
+        written = write_birdseye(images, body, output, options, video=video, save_rig=save_rig, progress=report)
     if is_json():
         print_json(written)
     else:

@@ -31,7 +31,8 @@ def calibrate_rig(
     ----------
     cameras
         The images of each camera: a folder, a clip, or a pattern such as 'left*.jpg', whose name is the name of the
-        camera; or NAME=IMAGES. Or one folder with a sub-folder or a clip for each camera.
+        camera; or NAME=IMAGES. Or one folder with a sub-folder or a clip for each camera, or with numbered images such
+        as left1.jpg and right1.jpg.
     output
         Rig file to write (JSON); by default rig.json, which must not exist, or none with --json.
     draw

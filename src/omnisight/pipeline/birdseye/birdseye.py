@@ -21,7 +21,7 @@ from omnisight.pipeline.birdseye.birdseye_options import BirdseyeOptions
 from omnisight.pipeline.birdseye.ground_rig import ground_rig
 from omnisight.pipeline.birdseye.vehicle import camera_rectangle, vehicle_occlusion
 from omnisight.pipeline.inputs.camera_sources import RigSource
-from omnisight.pipeline.inputs.central_camera import fit_camera
+from omnisight.pipeline.inputs.central_camera import CameraSource, fit_camera, load_sensor
 from omnisight.pipeline.inputs.images_of_cameras import load_masks, match_cameras
 from omnisight.rig import Rig
 from omnisight.targets.length import parse_length
@@ -32,6 +32,7 @@ from omnisight.views.surround_remapper import SurroundRemapper
 
 Image = NDArray[Any]
 Mask = NDArray[np.bool_]
+BodySource = RigSource | Mapping[str, CameraSource]
 ImageSources = Mapping[str, Image | str | Path] | Sequence[Image | str | Path]
 
 
@@ -64,6 +65,8 @@ class BirdseyeRenderer(Displayed):
         The rig in the frame of the ground, and how it was calibrated.
     remapper
         The maps of the cameras.
+    unseen
+        (H, W) pixels of the view that no camera sees, without those of the vehicle.
     gain
         Whether the images are equalized.
     """
@@ -71,6 +74,7 @@ class BirdseyeRenderer(Displayed):
     view: GroundView
     calibration: GroundCalibration
     remapper: SurroundRemapper = field(repr=False)
+    unseen: Mask = field(repr=False)
     gain: bool = True
 
     def __call__(self, images: Sequence[Image]) -> Image:
@@ -133,7 +137,7 @@ class BirdseyeResult(Displayed):
         return length_errors_cm(self.renderer.calibration, cameras or self.rig.names, across=across)
 
 
-def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = BirdseyeOptions()) -> BirdseyeResult:
+def birdseye(images: ImageSources, rig: BodySource, options: BirdseyeOptions = BirdseyeOptions()) -> BirdseyeResult:
     """Compute a view of the ground from above from simultaneous images of a rig, whose cameras may be of any model.
 
     Every pixel of the view is a point of the ground, or of a bowl around the vehicle, that is projected to each
@@ -144,7 +148,8 @@ def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = Bi
     images
         The images or their files: by camera name, or in the order of the cameras. Files are matched by their names.
     rig
-        The rig, or its file; or that of its only camera.
+        The rig, or its file; or that of its only camera; or cameras or their files by name, whose poses follow from
+        marks on the ground.
     options
         Options of the command.
 
@@ -155,7 +160,7 @@ def birdseye(images: ImageSources, rig: RigSource, options: BirdseyeOptions = Bi
         sees none of it.
     """
     start = time.perf_counter()
-    body = rig if isinstance(rig, Rig) else load_body(Path(rig))
+    body = load_body(rig, options)
     frames = load_images(images, body, options)
     renderer = prepare_birdseye(frames, body, options)
     gains = renderer.gains(frames)
@@ -192,7 +197,10 @@ def prepare_birdseye(images: Sequence[Image], rig: Rig, options: BirdseyeOptions
                 f"{name} sees none of the ground of the view: check its pose in the rig and the height of the rig,"
                 " leave the camera out, or determine the poses from marks on the ground (--ground marks.json)"
             )
-    return BirdseyeRenderer(view, calibration, remapper, options.gain)
+    unseen = ~remapper.covered
+    if hidden is not None:
+        unseen &= ~np.logical_and.reduce(hidden)
+    return BirdseyeRenderer(view, calibration, remapper, unseen, options.gain)
 
 
 def ground_view(rig: Rig, options: BirdseyeOptions) -> GroundView:
@@ -209,8 +217,25 @@ def ground_view(rig: Rig, options: BirdseyeOptions) -> GroundView:
     )
 
 
-def load_body(path: Path) -> Rig:
-    """Read a rig, or one camera: a rig in its frame."""
+def load_body(source: BodySource, options: BirdseyeOptions) -> Rig:
+    """Return a rig: read from its file; of one camera, in its frame; or of cameras of unknown poses.
+
+    Raises
+    ------
+    ValueError
+        If a file cannot be read, or the poses are unknown and there are no marks on the ground.
+    """
+    if isinstance(source, Rig):
+        return source
+    if isinstance(source, Mapping):
+        if options.ground is None:
+            raise ValueError(
+                "the poses of the cameras are unknown: specify marks on the ground that each of them sees (--ground"
+                " marks.json), or a file of the rig (--rig)"
+            )
+        cameras = {name: each if isinstance(each, Camera) else load_sensor(each, name) for name, each in source.items()}
+        return Rig.from_sensors({name: (camera, Pose()) for name, camera in cameras.items()})
+    path = Path(source)
     try:
         return load_rig(path)
     except FormatError as no_rig:

@@ -1,7 +1,7 @@
 """Bird's-eye views of files: images, folders and clips, one output frame for each moment."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -52,7 +52,7 @@ class BirdseyeFiles:
 
 def write_birdseye(
     sources: Sequence[Path],
-    rig: Path,
+    rig: Path | Mapping[str, Path],
     output: Path,
     options: BirdseyeOptions = BirdseyeOptions(),
     *,
@@ -67,7 +67,7 @@ def write_birdseye(
     sources
         One image, folder or clip for each camera, with its name in the path.
     rig
-        File of the rig, or of its only camera.
+        File of the rig, or of its only camera; or the files of its cameras by name.
     output
         Image to write; for clips and folders a video or a folder.
     options
@@ -85,9 +85,10 @@ def write_birdseye(
         If the sources are not those of the cameras, or `birdseye` raises it.
     """
     start = time.perf_counter()
-    body = load_body(rig)
+    body = load_body(rig, options)
+    body_files = rig.values() if isinstance(rig, Mapping) else [rig]
     ordered = match_cameras(sources, body.names)
-    _check_output(ordered, output, save_rig, video, [rig, *_option_files(options)])
+    _check_output(ordered, output, save_rig, video, [*body_files, *_option_files(options)])
     total, count = frame_count(ordered), 0
     result: BirdseyeResult | None = None
     renderer: BirdseyeRenderer | None = None

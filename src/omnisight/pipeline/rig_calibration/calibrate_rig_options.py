@@ -9,6 +9,7 @@ from pathlib import Path
 from omnisight.calibration.estimation_options import EstimationOptions
 from omnisight.pipeline.calibration.calibrate_options import CalibrateOptions
 from omnisight.pipeline.detection.image_options import ImageOptions
+from omnisight.pipeline.inputs.named_files import named_files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,15 +54,7 @@ class CalibrateRigOptions(ImageOptions, EstimationOptions):
         ValueError
             If an entry is not NAME=FILE, or a name occurs twice.
         """
-        files: dict[str, Path] = {}
-        for entry in self.camera:
-            name, is_pair, file = entry.partition("=")
-            if not is_pair or not name or not file:
-                raise ValueError(f"--camera {entry}: must be NAME=FILE, such as front=front.json")
-            if name in files:
-                raise ValueError(f"--camera {entry}: there are two files for the camera {name}")
-            files[name] = Path(file)
-        return files
+        return named_files(self.camera)
 
     @property
     def targets(self) -> dict[str, Path | None]:

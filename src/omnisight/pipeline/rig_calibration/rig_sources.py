@@ -1,5 +1,6 @@
 """The images of each camera of a rig, by name."""
 
+import glob
 import re
 from collections.abc import Mapping, Sequence
 from os import PathLike
@@ -11,6 +12,7 @@ import numpy as np
 from omnisight.calibration.frame_selection import select_frames, write_frames
 from omnisight.images import IMAGE_SUFFIXES, expand_path, has_clip_suffix
 from omnisight.images.collect import folders_with_images, natural_sort_key
+from omnisight.images.name_patterns import patterns_by_name
 from omnisight.pipeline.inputs.image_set import IMAGES
 from omnisight.pipeline.rig_calibration.calibrate_rig_options import CalibrateRigOptions
 from omnisight.pipeline.rig_calibration.simultaneous_views import (
@@ -29,7 +31,8 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
 
     The name is that of the folder or clip, the fixed part of a pattern such as 'left*.jpg', or NAME in NAME=SOURCE. If
     these are the same, as of cam0/data and cam1/data, it is that of the folder in which they differ. Each sub-folder
-    with images, or each clip, of a single folder is a camera.
+    with images, or each clip, of a single folder is a camera; or else the names of its images divide them by camera,
+    such as left1.jpg and right1.jpg.
 
     Raises
     ------
@@ -51,14 +54,16 @@ def named_sources(sources: RigSources | Sequence[str | PathLike[str]]) -> dict[s
     if len(named) < 2:
         raise ValueError(
             f"{len(named)} camera{'s' * (len(named) != 1)}, and a rig has at least two: specify a folder, a clip or a"
-            " pattern for each, such as left/ right/ or 'left*.jpg' 'right*.jpg', or a folder with a sub-folder or a"
-            " clip for each (omnisight calibrate is for one)"
+            " pattern for each, such as left/ right/ or 'left*.jpg' 'right*.jpg', or a folder with a sub-folder, a clip"
+            " or numbered images such as left1.jpg and right1.jpg for each (omnisight calibrate is for one)"
         )
     return named
 
 
 def _cameras_in(item: str) -> list[str]:
-    """Return the sub-folders with images of a folder, or its clips; the item itself if there are fewer than two.
+    """Return the sub-folders with images of a folder, its clips, or patterns that divide its images by camera.
+
+    The item itself if there are fewer than two.
 
     Raises
     ------
@@ -75,7 +80,33 @@ def _cameras_in(item: str) -> list[str]:
     cameras = [found for found in cameras if found.name == IMAGES or found.parent not in with_truth]
     if not cameras and folder.is_dir():
         cameras = sorted(filter(has_clip_suffix, files), key=natural_sort_key)
+    if not cameras and folder.is_dir():
+        cameras = _patterns_of([file for file in files if file.suffix.lower() in IMAGE_SUFFIXES])
     return [str(camera) for camera in cameras] if len(cameras) > 1 else [item]
+
+
+def _patterns_of(files: Sequence[Path]) -> list[Path]:
+    """Return the patterns that divide the images of a folder by camera; none if there is no or no unique way.
+
+    Most numbers of the images of the first camera must be those of images of each other. There are fewer cameras than
+    numbers.
+    """
+    ways = [way for way in patterns_by_name([file.name for file in files]) if _have_common_numbers(files, way)]
+    by_camera = [way for way in ways if len(set(way)) ** 2 < len(way)]
+    if len(by_camera) != 1:
+        return []
+    folder = Path(glob.escape(str(files[0].parent)))
+    return [folder / pattern for pattern in sorted(set(by_camera[0]), key=natural_sort_key)]
+
+
+def _have_common_numbers(files: Sequence[Path], patterns: Sequence[str]) -> bool:
+    """Return whether images that match different patterns mostly have the same numbers."""
+    numbers: dict[str, set[str]] = {}
+    for file, pattern in zip(files, patterns, strict=True):
+        before, _, after = pattern.partition("*")
+        numbers.setdefault(pattern, set()).add(file.name[len(before) : len(file.name) - len(after)])
+    first, *others = numbers.values()
+    return all(2 * len(first & other) > len(first) for other in others)
 
 
 def _distinct(cameras: Sequence[tuple[tuple[str, ...], str]]) -> dict[str, Any]:
