@@ -6,7 +6,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
 Item = TypeVar("Item")
+Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
 
@@ -64,6 +65,15 @@ def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> Non
     work(edges[0], edges[1])
     for future in futures:
         future.result()
+
+
+def in_background(work: Callable[[Argument], Result], argument: Argument) -> "Future[Result]":
+    """Start work(argument) on another thread; at once on this one if there is only one thread."""
+    if _free_threads() > 1:
+        return _pool(os.getpid()).submit(work, argument)
+    done = Future[Result]()
+    done.set_result(work(argument))
+    return done
 
 
 def parallel_map(

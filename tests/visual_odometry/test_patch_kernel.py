@@ -55,12 +55,13 @@ def aligned(*seen, maps=IDENTITY, start=(50.0, 40.0), surface=Surface(), bend=ST
         np.zeros((1, SAMPLES, 6), np.float32),
         np.zeros((1, 1), bool),
     )
-    extract(levels, np.array([[50.0, 40.0]]), quadratic(np.eye(2)), *arrays, 0, 1)
+    rows = np.zeros(1, np.intp)
+    extract(levels, np.array([[50.0, 40.0]]), quadratic(np.eye(2)), rows, arrays, 0, 1)
     assert arrays[4].all()
     pixels, correlation, noise, uncertainty = np.array([start]), np.empty(1), np.empty(1), np.zeros((1, 2, 2))
     maps, level, slopes = quadratic(maps, bend), np.zeros(1, np.intp), np.zeros((1, 2))
     depths, sigma = np.array([surface.depth]), np.array([surface.sigma])
-    align(seen, arrays, maps, depths, level, sigma, slopes, pixels, correlation, noise, uncertainty, 0, 1)
+    align(seen, arrays, rows, maps, depths, level, sigma, slopes, pixels, correlation, noise, uncertainty, 0, 1)
     return pixels[0], correlation[0], uncertainty[0], slopes[0]
 
 

@@ -17,7 +17,7 @@ def tracked(fisheye, known, fold):
     camera, images = fisheye.camera, [to_gray8(fisheye.images[k]) for k in (0, STEP)]
     tracker = Tracker(central_rig(camera), [np.ones(images[0].shape, bool)], 400)
     tracker.track(images[:1], first.inverse())
-    tracker.detect(images[:1], first.inverse())
+    tracker.start(tracker.corners(images[:1]), first.inverse())
     patches = tracker.patches
     directions = camera.rays(patches.pixels).bearings @ first.rotation.T
     origins = np.tile(first.translation, (len(patches), 1))
@@ -26,7 +26,7 @@ def tracked(fisheye, known, fold):
     is_new = np.arange(len(patches)) % 4 == fold
     if known:
         tracker.set_points(patches.number[~is_new], points[~is_new])
-        tracker.detect(images[:1], first.inverse())
+        tracker.start(tracker.corners(images[:1]), first.inverse())
     tracker.track(images[1:], second.inverse())
     seen = tracker.patches[tracker.patches.is_seen]
     true, valid = camera.project(second.inverse() @ points[is_new])

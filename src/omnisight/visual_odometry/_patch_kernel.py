@@ -10,6 +10,9 @@ that changes of the exposure have no effect.
 # Compiled code takes its types from its arguments.
 # pyright: basic
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from omnisight.compiled import njit_driver, njit_helper
@@ -28,32 +31,38 @@ MAX_SLOPE_SHIFT = 1.5
 # Distance (px of the level) from its start at which a patch is another one: beyond half its size.
 MAX_SHIFT = SIDE
 
-
-@njit_helper
-def _sample(image, x, y):
-    """Return the bilinear interpolation at a position, -1 outside the image."""
-    column, row = int(np.floor(x)), int(np.floor(y))
-    if column < 0 or row < 0 or column >= image.shape[1] - 1 or row >= image.shape[0] - 1:
-        return np.float32(-1.0)
-    s, t = np.float32(x - column), np.float32(y - row)
-    top = np.float32(image[row, column]) * (np.float32(1.0) - s) + np.float32(image[row, column + 1]) * s
-    low = np.float32(image[row + 1, column]) * (np.float32(1.0) - s) + np.float32(image[row + 1, column + 1]) * s
-    return top * (np.float32(1.0) - t) + low * t
+# Sums in any order, so that they are vectorized.
+_FAST: Any = {"fastmath": {"contract", "reassoc"}}
+_helper = partial(njit_helper, **_FAST)
 
 
-@njit_helper
-def _sample_patch(image, u, v, a, b, half, samples):
-    """Fill the samples of a patch of 2 half + 1 rows; return whether all are inside the image."""
-    k = 0
+@_helper
+def _sample_patch(image, u, v, a, b, half, places, samples):
+    """Fill the samples of a patch of 2 half + 1 rows by bilinear interpolation; return whether all are in the image.
+
+    `places` (2, K) is memory for their positions.
+    """
+    side, low_end, right_end = 2 * half + 1, image.shape[0] - 1.0, image.shape[1] - 1.0
+    is_inside = True
     for j in range(-half, half + 1):
-        for i in range(-half, half + 1):
-            x = u + a[0, 0] * i + a[0, 1] * j + b[0, 0] * i * i + b[0, 1] * i * j + b[0, 2] * j * j
-            y = v + a[1, 0] * i + a[1, 1] * j + b[1, 0] * i * i + b[1, 1] * i * j + b[1, 2] * j * j
-            value = _sample(image, x, y)
-            if value < 0.0:
-                return False
-            samples[k] = value
-            k += 1
+        x0, y0 = u + (a[0, 1] + b[0, 2] * j) * j, v + (a[1, 1] + b[1, 2] * j) * j
+        x1, y1 = a[0, 0] + b[0, 1] * j, a[1, 0] + b[1, 1] * j
+        row = (j + half) * side
+        for k in range(side):
+            i = k - half
+            x, y = x0 + (x1 + b[0, 0] * i) * i, y0 + (y1 + b[1, 0] * i) * i
+            places[0, row + k], places[1, row + k] = x, y
+            is_inside &= (x >= 0.0) & (x < right_end) & (y >= 0.0) & (y < low_end)
+    if not is_inside:
+        return False
+    for k in range(side * side):
+        x, y = places[0, k], places[1, k]
+        column, row = int(x), int(y)  # positive, so this is the floor
+        s, t = np.float32(x - column), np.float32(y - row)
+        top, low = np.float32(image[row, column]), np.float32(image[row + 1, column])
+        top += (np.float32(image[row, column + 1]) - top) * s
+        low += (np.float32(image[row + 1, column + 1]) - low) * s
+        samples[k] = top + (low - top) * t
     return True
 
 
@@ -72,7 +81,7 @@ def _levels_closer(maps):
 
 
 @njit_driver
-def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable, first, last):
+def extract(levels, pixels, maps, rows, arrays, first, last):
     """Fill the templates of the patches first ... last on all levels.
 
     Parameters
@@ -83,30 +92,30 @@ def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable
         (N, 2) centres of the patches.
     maps
         (N, 2, 5) matrices A and B, px per unit of the patches and its square.
-    templates
-        (N, L, S), receives the samples less their mean.
-    gradients
-        (N, L, S, 2), receives their derivatives along the patch, without what changes of contrast and brightness
-        explain.
-    inverses
-        (N, L, 2, 2), receives the inverses of their Gram matrices.
-    affine
-        (N, S, 6), receives the derivatives at the finest level by a shift (2) and a linear map (2, 2) of the patch,
-        without what changes of contrast and brightness explain.
-    usable
-        (N, L), receives whether the patch is inside the image and has texture along both directions.
+    rows
+        (N,) rows of the arrays of each patch.
+    arrays
+        `templates` (R, L, S) receive the samples less their mean. `gradients` (R, L, S, 2) receive their derivatives
+        along the patch, without what changes of contrast and brightness explain, and `inverses` (R, L, 2, 2) the
+        inverses of their Gram matrices. `affine` (R, S, 6) receives the derivatives at the finest level by a shift (2)
+        and a linear map (2, 2) of the patch, without what changes of contrast and brightness explain. `usable` (R, L)
+        receives whether the patch is inside the image and has texture along both directions.
     """
+    templates, gradients, inverses, affine, usable = arrays
     wide = SIDE + 2
-    samples = np.empty(wide * wide, np.float32)
+    places, samples = np.empty((2, wide * wide)), np.empty(wide * wide, np.float32)
     for n in range(first, last):
+        own = rows[n]
         for level in range(len(levels)):
             scale = 1.0 / (1 << level)
-            usable[n, level] = False
+            usable[own, level] = False
             # Patches of level l cover 2^l times the angle with samples that are as far apart.
             a, b = _on_level(maps[n], level, level)
-            if not _sample_patch(levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, a, b, HALF + 1, samples):
+            if not _sample_patch(
+                levels[level], pixels[n, 0] * scale, pixels[n, 1] * scale, a, b, HALF + 1, places, samples
+            ):
                 continue
-            template, gradient = templates[n, level], gradients[n, level]
+            template, gradient = templates[own, level], gradients[own, level]
             mean = np.float32(0.0)
             for j in range(SIDE):
                 for i in range(SIDE):
@@ -117,11 +126,11 @@ def extract(levels, pixels, maps, templates, gradients, inverses, affine, usable
                     mean += samples[at]
             mean /= np.float32(SAMPLES)
             if level == 0:
-                _fill_affine(template, gradient, mean, affine[n])
-            usable[n, level] = _project_out(template, gradient, mean, inverses[n, level])
+                _fill_affine(template, gradient, mean, affine[own])
+            usable[own, level] = _project_out(template, gradient, mean, inverses[own, level])
 
 
-@njit_helper
+@_helper
 def _fill_affine(template, gradient, mean, affine):
     """Fill the derivatives by a shift and a linear map, without their mean and their part along the template."""
     energy = 0.0
@@ -141,7 +150,7 @@ def _fill_affine(template, gradient, mean, affine):
             affine[k, column] -= np.float32(average + along * (template[k] - mean))
 
 
-@njit_helper
+@_helper
 def _project_out(template, gradient, mean, inverse):
     """Remove contrast and brightness from the gradients, and fill the inverse Gram matrix; False if it is singular."""
     energy, gx, gy, tx, ty = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -172,7 +181,7 @@ def _project_out(template, gradient, mean, inverse):
 
 @njit_driver
 def align(
-    levels, arrays, maps, depths, start, slope_sigma, slopes, pixels, correlation, noise, uncertainty, first, last
+    levels, arrays, rows, maps, depths, start, slope_sigma, slopes, pixels, correlation, noise, uncertainty, first, last
 ):
     """Align the patches first ... last, starting at pixels (N, 2), which receive the result.
 
@@ -184,8 +193,8 @@ def align(
     ----------
     levels, maps
         As in `extract`; the maps are those of the predicted patches.
-    arrays
-        The templates, gradients, inverses, affine and usable of `extract`.
+    arrays, rows
+        As in `extract`.
     depths
         (N, 2) derivatives of the pixels by the logarithm of the depth.
     start
@@ -202,21 +211,21 @@ def align(
         (N, 2, 2), receives the covariance of the shift of the patch over the variance of the intensities.
     """
     templates, gradients, inverses, affine, usable = arrays
-    samples, columns = np.empty(SAMPLES, np.float32), np.empty((SAMPLES, 4), np.float32)
-    information, gradient, slope = np.empty((4, 4)), np.empty(4), np.empty(2)
+    places, samples, columns = np.empty((2, SAMPLES)), np.empty(SAMPLES, np.float32), np.empty((4, SAMPLES), np.float32)
+    information, gradient, step, slope = np.empty((4, 4)), np.empty(4), np.empty(4), np.empty(2)
     for n in range(first, last):
-        u, v = pixels[n, 0], pixels[n, 1]
+        own, u, v = rows[n], pixels[n, 0], pixels[n, 1]
         correlation[n], noise[n] = -1.0, 0.0
         closer = _levels_closer(maps[n])
         for level in range(start[n], -1, -1):
-            if not usable[n, level]:
+            if not usable[own, level]:
                 continue
             image_level = min(level + closer, len(levels) - 1)
             image, scale = levels[image_level], 1.0 / (1 << image_level)
             a, b = _on_level(maps[n], level, image_level)
-            template, inverse = templates[n, level], inverses[n, level]
+            template, inverse = templates[own, level], inverses[own, level]
             found, x, y, similar, rms = _align_on_level(
-                image, template, gradients[n, level], inverse, a, b, u * scale, v * scale, samples
+                image, template, gradients[own, level], inverse, a, b, u * scale, v * scale, places, samples
             )
             if found:
                 u, v = x / scale, y / scale
@@ -228,10 +237,10 @@ def align(
                 continue
             depth, prior = depths[n] * scale, (max(rms, 1.0) / slope_sigma[n]) ** 2
             slope[0], slope[1] = slopes[n, 0], slopes[n, 1]
-            _fill_information(affine[n], a, depth, prior, columns, information)
+            _fill_information(affine[own], a, depth, prior, columns, information)
             covariance = np.linalg.inv(information)
             found, x, y, similar, rms = _refine(
-                image, template, columns, covariance, prior, a, b, depth, x, y, slope, samples, gradient
+                image, template, columns, covariance, prior, a, b, depth, x, y, slope, places, samples, gradient, step
             )
             if found and similar > correlation[n]:
                 u, v, correlation[n], noise[n] = x / scale, y / scale, similar, rms
@@ -240,7 +249,7 @@ def align(
         pixels[n, 0], pixels[n, 1] = u, v
 
 
-@njit_helper
+@_helper
 def _energy(template):
     """Return the sum of the squared intensities of a template, whose mean is 0."""
     energy = 0.0
@@ -249,43 +258,46 @@ def _energy(template):
     return energy
 
 
-@njit_helper
-def _compare(image, template, energy, a, b, u, v, samples):
-    """Sample a patch; return whether it is similar to its template, its mean, its contrast, and the correlation."""
-    if not _sample_patch(image, u, v, a, b, HALF, samples):
-        return False, 0.0, 0.0, -1.0
-    mean, product, square = 0.0, 0.0, 0.0
+@_helper
+def _compare(image, template, energy, a, b, u, v, places, samples):
+    """Sample a patch; return whether it is similar to its template, its contrast, the correlation and the difference.
+
+    The difference is the root mean square of d = (s - mean) / contrast - t. The template t has the mean 0, and the
+    contrast is that of both energies, so the sum of d^2 is 2 energy (1 - correlation). Derivatives g from which
+    brightness and contrast are eliminated have no part along 1 and t, so the sum of g d is that of g s / contrast.
+    """
+    if not _sample_patch(image, u, v, a, b, HALF, places, samples):
+        return False, 0.0, -1.0, 0.0
+    total, product, square = 0.0, 0.0, 0.0
+    origin = samples[SAMPLES // 2]  # sums are exactly zero where the image is constant
     for k in range(SAMPLES):
-        mean += samples[k]
-    mean /= SAMPLES
-    for k in range(SAMPLES):
-        value = samples[k] - mean
+        value = float(samples[k] - origin)
+        total += value
         product += value * template[k]
         square += value * value
-    if not product > 0.0:
-        return False, mean, 0.0, -1.0
+    square -= total * total / SAMPLES
+    if not (product > 0.0 and square > 0.0):
+        return False, 0.0, -1.0, 0.0
+    similar = product / np.sqrt(max(energy * square, 1e-12))
     # Not the contrast of least squares, which tends to zero far from the solution.
-    return True, mean, np.sqrt(square / energy), product / np.sqrt(max(energy * square, 1e-12))
+    return True, np.sqrt(square / energy), similar, np.sqrt(max(2 * energy * (1 - similar), 0.0) / (SAMPLES - 4))
 
 
-@njit_helper
-def _align_on_level(image, template, gradient, inverse, a, b, u, v, samples):
+@_helper
+def _align_on_level(image, template, gradient, inverse, a, b, u, v, places, samples):
     """Return whether the alignment converged, the position, the correlation and the rms difference."""
     energy = _energy(template)
     x, y, similar, rms = u, v, -1.0, 0.0
     for _ in range(MAX_STEPS):
-        found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
+        found, contrast, similar, rms = _compare(image, template, energy, a, b, x, y, places, samples)
         if not found:
             return False, u, v, -1.0, 0.0
-        dx, dy, total = 0.0, 0.0, 0.0
+        dx, dy = 0.0, 0.0
         for k in range(SAMPLES):
-            difference = (samples[k] - mean) / contrast - template[k]
-            dx += gradient[k, 0] * difference
-            dy += gradient[k, 1] * difference
-            total += difference * difference
-        rms = np.sqrt(total / (SAMPLES - 4))
-        sx = inverse[0, 0] * dx + inverse[0, 1] * dy
-        sy = inverse[1, 0] * dx + inverse[1, 1] * dy
+            dx += gradient[k, 0] * samples[k]
+            dy += gradient[k, 1] * samples[k]
+        sx = (inverse[0, 0] * dx + inverse[0, 1] * dy) / contrast
+        sy = (inverse[1, 0] * dx + inverse[1, 1] * dy) / contrast
         px, py = a[0, 0] * sx + a[0, 1] * sy, a[1, 0] * sx + a[1, 1] * sy
         x, y = x - px, y - py
         if (x - u) ** 2 + (y - v) ** 2 > MAX_SHIFT**2:
@@ -295,7 +307,7 @@ def _align_on_level(image, template, gradient, inverse, a, b, u, v, samples):
     return True, x, y, similar, rms
 
 
-@njit_helper
+@_helper
 def _fill_information(affine, a, depth, prior, columns, information):
     """Fill the derivatives by a shift and the slopes, and their information (4, 4) with the prior of the slopes."""
     determinant = a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
@@ -304,39 +316,42 @@ def _fill_information(affine, a, depth, prior, columns, information):
     x = (a[1, 1] * depth[0] - a[0, 1] * depth[1]) / determinant
     y = (a[0, 0] * depth[1] - a[1, 0] * depth[0]) / determinant
     for k in range(SAMPLES):
-        columns[k, 0], columns[k, 1] = affine[k, 0], affine[k, 1]
+        columns[0, k], columns[1, k] = affine[k, 0], affine[k, 1]
         for axis in range(2):
-            columns[k, 2 + axis] = x * affine[k, 2 + axis] + y * affine[k, 4 + axis]
+            columns[2 + axis, k] = x * affine[k, 2 + axis] + y * affine[k, 4 + axis]
     for i in range(4):
         for j in range(i + 1):
             total = 0.0
             for k in range(SAMPLES):
-                total += columns[k, i] * columns[k, j]
+                total += columns[i, k] * columns[j, k]
             information[i, j] = information[j, i] = total
     for i in range(2):
         information[i, i] += 1e-6
         information[2 + i, 2 + i] += prior
 
 
-@njit_helper
-def _refine(image, template, columns, covariance, prior, a, b, depth, u, v, slope, samples, gradient):
+@_helper
+def _refine(image, template, columns, covariance, prior, a, b, depth, u, v, slope, places, samples, gradient, step):
     """Refine position and slopes (2,), in place; return as `_align_on_level`."""
     energy = _energy(template)
     x, y, similar, rms = u, v, -1.0, 0.0
     for _ in range(MAX_SLOPE_STEPS):
-        found, mean, contrast, similar = _compare(image, template, energy, a, b, x, y, samples)
+        found, contrast, similar, rms = _compare(image, template, energy, a, b, x, y, places, samples)
         if not found:
             return False, u, v, -1.0, 0.0
-        total = 0.0
-        for i in range(2):
-            gradient[i], gradient[2 + i] = 0.0, -prior * slope[i]
+        c0, c1, c2, c3 = 0.0, 0.0, 0.0, 0.0
         for k in range(SAMPLES):
-            difference = (samples[k] - mean) / contrast - template[k]
-            total += difference * difference
-            for i in range(4):
-                gradient[i] += columns[k, i] * difference
-        rms = np.sqrt(total / (SAMPLES - 4))
-        step = covariance @ gradient
+            value = samples[k]
+            c0 += columns[0, k] * value
+            c1 += columns[1, k] * value
+            c2 += columns[2, k] * value
+            c3 += columns[3, k] * value
+        gradient[0], gradient[1] = c0 / contrast, c1 / contrast
+        gradient[2], gradient[3] = c2 / contrast - prior * slope[0], c3 / contrast - prior * slope[1]
+        for i in range(4):  # numba's product of matrices calls BLAS, which takes as long as the rest of the step
+            step[i] = 0.0
+            for j in range(4):
+                step[i] += covariance[i, j] * gradient[j]
         for i in range(2):
             for j in range(2):
                 a[i, j] -= depth[i] * step[2 + j]

@@ -11,6 +11,7 @@ from omnisight.camera import Camera
 from omnisight.geometry import rotation as so3
 from omnisight.geometry.pose import Pose
 from omnisight.optim.ransac import RansacOptions
+from omnisight.parallel import in_background
 from omnisight.ray_camera import RayCamera
 from omnisight.rig import Rig
 from omnisight.visual_odometry.central_rig import at_one_point, central_rig, has_baseline
@@ -232,7 +233,7 @@ class Odometry:
 
     def _start(self, frame: Frame, tracker: Tracker, pose: Pose) -> Initialization:
         """Return a new initialization that starts with a frame."""
-        tracker.detect(frame.images, pose)
+        tracker.start(tracker.corners(frame.images), pose)
         first = WaitingFrame(frame.index, frame.seconds, tracker.rays(pose), pose, frame.images)
         vehicle_from_rig = so3.look(up=self._options.up) if self._options.motion == "car" else None
         return Initialization([first], self._speed, vehicle_from_rig)
@@ -273,29 +274,25 @@ class Odometry:
         self.lost += [LostSegment(a, b, TOO_FEW_POINTS, "tracking") for a, b in lost_ranges(missing)]
         self._append(poses)
         self.keyframes += 2
-        self._store_keyframe(frame, tracker, window)
+        self._store_keyframe(frame, tracker, window, tracker.corners(frame.images))
         return FrameResult(frame.index, frame.seconds, poses[-1].rig_from_world, len(frame.rays), is_keyframe=True)
 
     def _extend(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, pose: Pose) -> Pose:
         """Add a keyframe to the window, and start new patches; return its refined pose."""
         others = tracker.cross_rays(pose) if has_baseline(self.rig) else FrameRays.none()
         seen = tracker.patches.number[tracker.patches.is_seen]
+        corners = in_background(tracker.corners, frame.images)
         window.add(Keyframe(frame.index, pose), tracker.rays(pose), others, seen)
-        self._store_keyframe(frame, tracker, window)
+        self._store_keyframe(frame, tracker, window, corners.result())
         self.keyframes += 1
         return window.keyframes[-1].rig_from_world
 
-    def _store_keyframe(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> None:
-        """Start patches in the last keyframe of a window, and keep it for the closing of loops."""
-        window.extend_last(self._start_patches(frame, tracker, window), frame.images)
+    def _store_keyframe(self, frame: Frame, tracker: Tracker, window: KeyframeWindow, corners: Sequence[Array]) -> None:
+        """Start patches at corners of the last keyframe of a window, and keep it for the closing of loops."""
+        tracker.set_points(window.number, window.points)
+        window.extend_last(tracker.start(corners, window.keyframes[-1].rig_from_world), frame.images)
         if self._history is not None:
             self._history.update(window, self.rig, self._locator.noise)
-
-    def _start_patches(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> FrameRays:
-        """Start patches in the last keyframe of a window, and return their rays."""
-        pose = window.keyframes[-1].rig_from_world
-        tracker.set_points(window.number, window.points)
-        return tracker.detect(frame.images, pose)
 
     def _recover(self, frame: Frame, tracker: Tracker, window: KeyframeWindow) -> tuple[Frame, FramePose]:
         """Return the frame with the pose that descriptors determine, if there is one."""

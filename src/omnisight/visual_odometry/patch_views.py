@@ -18,7 +18,7 @@ NOISE_FACTOR, POSITION_SIGMA_PX, SLANT_SIGMA_PX = 2.0, 0.02, 0.15
 # Change of the logarithm of a distance for the derivative of pixels by it.
 DEPTH_STEP = 1e-3
 # Steps along the axes of a patch from which its map follows.
-STEPS = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
+STEPS = (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1)
 
 
 class PatchViews:
@@ -52,15 +52,15 @@ class PatchViews:
         # What a unit of the patches is at the points, (N, 3, 2).
         self._units = tangents - radial[:, :, None] * patches.slopes[:, None, :]
 
-    @property
+    @cached_property
     def pixels(self) -> Array:
         """The pixels (N, 2) of the patches; NaN where not visible."""
-        return self._ends[0]
+        return self._project(self._points)
 
     @cached_property
     def maps(self) -> Array:
         """The first and second derivatives (N, 2, 5) of pixels by the units of a patch; NaN where not visible."""
-        right, left, below, above, later, before = (self._from_center(end) for end in self._ends[1:])
+        right, left, below, above, later, before = (self._from_center(end) for end in self._ends)
         along = [(right + left) / 2, (below + above) / 2]
         mixed = (later + before) / 2 - along[0] - along[1]
         return np.stack([(right - left) / 2, (below - above) / 2, along[0], mixed, along[1]], -1)
@@ -84,9 +84,9 @@ class PatchViews:
         whitened_axes(self.maps, units, bearings, of_noise, variance, axes)
         return axes
 
-    @cached_property
+    @property
     def _ends(self) -> Array:
-        """The pixels (7, N, 2) of the steps along the axes of the patches."""
+        """The pixels (6, N, 2) of the steps along the axes of the patches."""
         steps = np.array(STEPS, float)
         slopes = self._patches.slopes
         ends = [self._points + (self._units @ step) / (1.0 + slopes @ step)[:, None] for step in steps]

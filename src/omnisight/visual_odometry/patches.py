@@ -33,8 +33,8 @@ class Patches:
         (N, 3, 2) directions of the axes of the patch in the world, radians per unit of the patch.
     centers
         (N, 3) position of the camera in the world when the template was taken.
-    templates, gradients, inverses, affine, usable
-        See `_patch_kernel.extract`.
+    texture
+        (N,) rows of `Textures`.
     uncertainty
         (N, 2, 2) covariance of the last position, square units of the patch, over the variance of the intensities.
     noise
@@ -55,11 +55,7 @@ class Patches:
     directions: Array
     tangents: Array
     centers: Array
-    templates: Floats
-    gradients: Floats
-    inverses: Array
-    affine: Floats
-    usable: Mask
+    texture: Indices
     uncertainty: Array
     noise: Array
     slopes: Array
@@ -69,8 +65,6 @@ class Patches:
     @classmethod
     def none(cls) -> "Patches":
         """Return no patches."""
-        from omnisight.visual_odometry._patch_kernel import SAMPLES
-
         return cls(
             np.zeros(0, np.intp),
             np.zeros(0, np.intp),
@@ -79,11 +73,7 @@ class Patches:
             np.zeros((0, 3)),
             np.zeros((0, 3, 2)),
             np.zeros((0, 3)),
-            np.zeros((0, LEVELS, SAMPLES), np.float32),
-            np.zeros((0, LEVELS, SAMPLES, 2), np.float32),
-            np.zeros((0, LEVELS, 2, 2)),
-            np.zeros((0, SAMPLES, 6), np.float32),
-            np.zeros((0, LEVELS), np.bool_),
+            np.zeros(0, np.intp),
             np.zeros((0, 2, 2)),
             np.zeros(0),
             np.zeros((0, 2)),
@@ -109,11 +99,6 @@ class Patches:
         """Whether the distance of each is known."""
         return np.isfinite(self.points[:, 0])
 
-    @property
-    def arrays(self) -> tuple[Floats, Floats, Array, Floats, Mask]:
-        """What `_patch_kernel.extract` fills."""
-        return self.templates, self.gradients, self.inverses, self.affine, self.usable
-
     def rows_of(self, numbers: Indices) -> tuple[Indices, Mask]:
         """Return the rows (K,) of numbers (K,), and which of them exist."""
         rows = np.minimum(np.searchsorted(self.number, numbers), max(len(self) - 1, 0))
@@ -126,3 +111,41 @@ class Patches:
         lengths = np.linalg.norm(now, axis=1) * np.linalg.norm(then, axis=1)
         cosine = (now * then).sum(axis=1) / np.maximum(lengths, 1e-300)
         return np.arccos(np.clip(np.where(self.has_point, cosine, 1.0), -1.0, 1.0))
+
+
+class Textures:
+    """What patches look like, in the rows of arrays: selections of patches copy only the indices of their rows.
+
+    Attributes
+    ----------
+    templates, gradients, inverses, affine, usable
+        See `_patch_kernel.extract`.
+    """
+
+    def __init__(self) -> None:
+        """Start without rows."""
+        from omnisight.visual_odometry._patch_kernel import SAMPLES
+
+        self.templates: Floats = np.zeros((0, LEVELS, SAMPLES), np.float32)
+        self.gradients: Floats = np.zeros((0, LEVELS, SAMPLES, 2), np.float32)
+        self.inverses: Array = np.zeros((0, LEVELS, 2, 2))
+        self.affine: Floats = np.zeros((0, SAMPLES, 6), np.float32)
+        self.usable: Mask = np.zeros((0, LEVELS), np.bool_)
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Array, Floats, Mask]:
+        """What `_patch_kernel.extract` fills."""
+        return self.templates, self.gradients, self.inverses, self.affine, self.usable
+
+    def free_rows(self, count: int, used: Indices) -> Indices:
+        """Return rows (count,) that are not among those used; the arrays grow if there are too few."""
+        is_free = np.ones(len(self.usable), np.bool_)
+        is_free[used] = False
+        rows = np.flatnonzero(is_free)[:count]
+        if len(rows) < count:
+            more = max(count - len(rows), len(self.usable))
+            rows = np.append(rows, np.arange(len(self.usable), len(self.usable) + count - len(rows)))
+            for name in ("templates", "gradients", "inverses", "affine", "usable"):
+                rows_of = getattr(self, name)
+                setattr(self, name, np.concatenate([rows_of, np.zeros((more, *rows_of.shape[1:]), rows_of.dtype)]))
+        return rows

@@ -14,7 +14,7 @@ from omnisight.visual_odometry.central_rig import central_cameras
 from omnisight.visual_odometry.corner_detection import detect_corners
 from omnisight.visual_odometry.image_pyramid import LEVELS, ImagePyramid
 from omnisight.visual_odometry.patch_views import PatchViews
-from omnisight.visual_odometry.patches import Patches
+from omnisight.visual_odometry.patches import Patches, Textures
 from omnisight.visual_odometry.ray_observations import FrameRays
 from omnisight.visual_odometry.solid_angle_cells import SolidAngleCells
 
@@ -59,7 +59,7 @@ class Tracker:
         import cv2
 
         self.rig = rig
-        self.patches = Patches.none()
+        self.patches, self._textures = Patches.none(), Textures()
         self._next = 0
         self._clearance = [
             cv2.distanceTransform(np.pad(r.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1] for r in regions
@@ -83,8 +83,9 @@ class Tracker:
         copies = {name: getattr(p, name).copy() for name in MEASURED}
         found = replace(p, **copies, is_seen=np.zeros(len(p), np.bool_))
         for sensor in range(len(self.rig)):
-            mine = p.sensor == sensor
-            if mine.any():
+            mine = np.flatnonzero(p.sensor == sensor)
+            mine = mine[self._is_inside(sensor, p[mine], predicted)]
+            if len(mine):
                 aligned = self._align(sensor, p[mine], predicted)
                 for name in (*MEASURED, "is_seen"):
                     getattr(found, name)[mine] = getattr(aligned, name)
@@ -108,6 +109,7 @@ class Tracker:
         parts = list[FrameRays]()
         for sensor in range(len(self.rig)):
             others = self.patches[self.patches.is_seen & (self.patches.sensor != sensor)]
+            others = others[self._is_inside(sensor, others, rig_from_world)]
             if len(others):
                 found = self._align(sensor, others, rig_from_world)
                 parts.append(self._rays_of(sensor, found[found.is_seen], rig_from_world))
@@ -131,14 +133,20 @@ class Tracker:
         patches = replace(self.patches, is_seen=seen, directions=directions)
         self.patches = self._with_guesses(patches[seen | patches.has_point], rig_from_world)
 
-    def detect(self, images: Sequence[Bytes], rig_from_world: Pose) -> FrameRays:
-        """Start patches at corners of the last images, in cells without any; return their rays."""
-        parts = list[FrameRays]()
+    def corners(self, images: Sequence[Bytes]) -> list[Array]:
+        """Return the corners (K, 2) of the last images of each camera, in cells without a patch."""
+        found = list[Array]()
         for sensor, gray in enumerate(images):
             seen = (self.patches.sensor == sensor) & self.patches.is_seen
-            pixels = detect_corners(gray, self._cells[sensor], self.patches.pixels[seen])
+            found.append(detect_corners(gray, self._cells[sensor], self.patches.pixels[seen]))
+        return found
+
+    def start(self, corners: Sequence[Array], rig_from_world: Pose) -> FrameRays:
+        """Start patches at corners of the last images; return their rays."""
+        parts = list[FrameRays]()
+        for sensor, pixels in enumerate(corners):
             if len(pixels):
-                new = self._start(sensor, pixels, rig_from_world)
+                new = self._new_patches(sensor, pixels, rig_from_world)
                 self.patches = self.patches.joined(new)
                 parts.append(self._rays_of(sensor, new, rig_from_world))
         self.patches = self._with_guesses(self.patches, rig_from_world)
@@ -174,8 +182,13 @@ class Tracker:
         patches = replace(self.patches, points=known)
         self.patches = patches[patches.is_seen | patches.has_point]
 
+    def _is_inside(self, sensor: int, patches: Patches, predicted: Pose) -> Mask:
+        """Return which patches (N,) are predicted in the used region of the image of a sensor."""
+        pixels = self._views(sensor, patches, predicted).pixels
+        return np.asarray(self._levels(sensor, pixels) >= 0, np.bool_)
+
     def _align(self, sensor: int, patches: Patches, predicted: Pose) -> Patches:
-        """Return patches as an image of a sensor shows them."""
+        """Return patches as an image of a sensor shows them; they are predicted in its used region."""
         from omnisight.visual_odometry._patch_kernel import align
 
         views = self._views(sensor, patches, predicted)
@@ -187,11 +200,12 @@ class Tracker:
         correlation, noise, uncertainty = np.empty(len(at)), np.empty(len(at)), np.zeros((len(at), 2, 2))
         slopes, depths = patches.slopes.copy(), np.nan_to_num(depths)
         slope_sigma = SLOPE_SIGMA * np.linalg.norm(patches.tangents, axis=1).max(axis=1) * patches.has_point
-        arrays = patches.arrays
+        arrays, rows = self._textures.arrays, patches.texture
         parallel_for(
             lambda first, last: align(
                 pyramid.levels,
                 arrays,
+                rows,
                 maps,
                 depths,
                 level,
@@ -228,9 +242,9 @@ class Tracker:
         level = np.floor(np.log2(np.maximum(free / MARGIN_PX, 1e-9))).astype(np.intp)
         return np.where(inside, np.clip(level, -1, LEVELS - 1), -1)
 
-    def _start(self, sensor: int, pixels: Array, rig_from_world: Pose) -> Patches:
+    def _new_patches(self, sensor: int, pixels: Array, rig_from_world: Pose) -> Patches:
         """Return new patches at pixels (K, 2) of the last image of a sensor."""
-        from omnisight.visual_odometry._patch_kernel import SAMPLES, extract
+        from omnisight.visual_odometry._patch_kernel import extract
 
         count, rotation = len(pixels), rig_from_world.rotation
         rays = self.rig.rays(sensor, pixels)
@@ -245,11 +259,7 @@ class Tracker:
             directions=rays.bearings @ rotation,
             tangents=rotation.T @ tangents,
             centers=np.tile(sensor_from_world.inverse().translation, (count, 1)),
-            templates=np.zeros((count, LEVELS, SAMPLES), np.float32),
-            gradients=np.zeros((count, LEVELS, SAMPLES, 2), np.float32),
-            inverses=np.zeros((count, LEVELS, 2, 2)),
-            affine=np.zeros((count, SAMPLES, 6), np.float32),
-            usable=np.zeros((count, LEVELS), np.bool_),
+            texture=self._textures.free_rows(count, np.append(self.patches.texture, self._before.texture)),
             uncertainty=np.zeros((count, 2, 2)),
             slopes=np.zeros((count, 2)),
             guesses=np.full((count, 3), np.nan),
@@ -260,9 +270,10 @@ class Tracker:
         maps = self._views(sensor, new, rig_from_world).maps
         pyramid, level = self._pyramids[sensor], self._levels(sensor, pixels)
         at, maps = pyramid.inside(pixels), np.nan_to_num(maps)
-        extract(pyramid.levels, at, maps, *new.arrays, 0, count)
-        usable = new.usable & (np.arange(LEVELS) <= level[:, None])
-        return replace(new, usable=usable, uncertainty=new.inverses[:, 0])[usable[:, 0]]
+        rows, textures = new.texture, self._textures
+        extract(pyramid.levels, at, maps, rows, textures.arrays, 0, count)
+        textures.usable[rows] &= np.arange(LEVELS) <= level[:, None]
+        return replace(new, uncertainty=textures.inverses[rows, 0])[textures.usable[rows, 0]]
 
     def _tangents(self, sensor: int, pixels: Array, bearings: Array) -> Array:
         """Return perpendicular axes (K, 3, 2) of patches in the frame of the rig, of the larger side of a pixel."""
