@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from omnisight.visual_odometry._patch_kernel import SAMPLES, align, extract
+from omnisight.visual_odometry._patch_alignment_kernel import align
+from omnisight.visual_odometry._patch_kernel import SAMPLES, extract
 
 IDENTITY, STRAIGHT = np.eye(2), np.zeros((2, 3))
 

@@ -1,5 +1,6 @@
 """Report of `omnisight reconstruct`."""
 
+import math
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 
 from omnisight.cli._output import write_json
 from omnisight.display import rounded
-from omnisight.pipeline.reconstruction.reconstruction_result import ReconstructionResult
+from omnisight.pipeline.reconstruction.reconstruction_result import ExtrinsicsChange, ReconstructionResult
 from omnisight.reconstructions import remove_reconstruction
 from omnisight.rig import Rig
 from omnisight.sfm.georeference import MAX_SCALE_SIGMA, Georeference
@@ -43,6 +44,7 @@ def summary(result: ReconstructionResult) -> dict[str, object]:
         "registered": len(model) if model else 0,
         "images": result.images,
         "models": [len(each) for each in result.models],
+        "model_of_image": {name: k for k, each in enumerate(result.models) for name in each.names},
         "points": len(model.points) if model else 0,
         "observations": len(model.observations) if model else 0,
         "rms_px": model.rms_px if model and has_points else None,
@@ -52,6 +54,7 @@ def summary(result: ReconstructionResult) -> dict[str, object]:
         "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
         "focal_length_changes": focal_length_changes_json(result),
+        "extrinsics_changes": [_extrinsics_changes_json(result, each) for each in result.models],
         "unregistered": result.unregistered,
         "unverified": list(model.unverified) if model else [],
         "seconds": round(result.seconds, 3),
@@ -104,6 +107,8 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"scale       {_describe_scale(model)}")
         elif len(model) > 1:
             print("scale       arbitrary")
+        for change in result.extrinsics_changes(model):
+            print(f"rig         {_describe_change(change, model.rig.unit)}")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
     for warning in focal_length_warnings(result):
@@ -171,6 +176,35 @@ def _print_georeference(georeference: Georeference, model: Reconstruction) -> No
     if model.origin is not None:
         latitude, longitude, altitude = model.origin
         print(f"origin      {latitude:.7f}, {longitude:.7f}, {altitude:.1f} m (WGS 84; x east, y north, z up)")
+
+
+def _extrinsics_changes_json(result: ReconstructionResult, model: Reconstruction) -> list[dict[str, object]]:
+    """Return how far the refined poses of the cameras on the rig are from those of its file."""
+    in_metres = model.rig.unit == "m"
+    return [
+        {
+            "camera": change.camera,
+            "distance_m": change.distance if in_metres else None,
+            "sigma_m": _finite(change.distance_sigma) if in_metres else None,
+            "angle_deg": math.degrees(change.angle),
+            "sigma_deg": _finite(math.degrees(change.angle_sigma)),
+        }
+        for change in result.extrinsics_changes(model)
+    ]
+
+
+def _finite(value: float) -> float | None:
+    """Return a number for JSON; None if it is not known."""
+    return value if math.isfinite(value) else None
+
+
+def _describe_change(change: ExtrinsicsChange, unit: str) -> str:
+    """Return how far a camera was moved on its rig."""
+    moved = f"{change.distance:.4g} ± {rounded(change.distance_sigma, 2)} {unit}"
+    if unit == "m":
+        moved = f"{1e3 * change.distance:.2f} ± {1e3 * change.distance_sigma:.2f} mm"
+    angle, sigma = math.degrees(change.angle), math.degrees(change.angle_sigma)
+    return f"{change.camera}: {moved} and {angle:.3f} ± {sigma:.3f}° from its pose in the file (1σ)"
 
 
 def _describe_camera(rig: Rig, name: str) -> str:

@@ -42,8 +42,8 @@ def build_reconstruction(
     tracks, images = found.tracks, found.images
     which = images.keypoints(tracks)
     poses, unit = tuple(map(Pose.of_matrix, found.sensor_from_rig)), "m" if found.has_scale else "units"
-    rig = replace(rig, sensor_from_rig=poses, unit=unit)
     of_map = covariances(found)
+    rig = replace(rig, sensor_from_rig=poses, unit=unit, covariance=of_map.sensors if found.refines_sensors else None)
     if images.pixels is not None:
         rig = replace(rig, cameras=images.pixels.free.at(found.values, of_map.values))
     pixels = np.concatenate([each.pixels for each in keypoints])[which]
@@ -84,27 +84,35 @@ def _residuals(found: Map, rig: Rig, pixels: Array) -> Array:
 
 
 class Covariances(NamedTuple):
-    """Covariances of the poses (F, 6, 6), the points (P, 3, 3) and the values (Q, Q); NaN if not determined."""
+    """Covariances of the poses (F, 6, 6), the points (P, 3, 3), the values (Q, Q) and the sensors (6 S, 6 S).
+
+    NaN if not determined.
+    """
 
     poses: Array
     points: Array
     values: Array
+    sensors: Array
 
 
 def covariances(found: Map) -> Covariances:
     """Return the covariances of a map."""
-    frames, points, count = len(found.frames), len(found.points), len(found.values)
+    frames, points, count, sensors = len(found.frames), len(found.points), len(found.values), found.sensor_from_rig
+    shapes = (frames, 6, 6), (points, 3, 3), (count, count), (6 * len(sensors), 6 * len(sensors))
+    unknown = Covariances(*(np.full(shape, np.nan) for shape in shapes))
     if not points:
-        return Covariances(np.full((frames, 6, 6), np.nan), np.zeros((0, 3, 3)), np.full((count, count), np.nan))
+        return unknown
     bundle = found.bundle
-    columns, _, total = bundle.parameters
+    of_frames, of_sensors, total = bundle.parameters
     try:
         cameras, of_points = bundle.covariances(found.structure)
     except LinAlgError:
-        return Covariances(
-            np.full((frames, 6, 6), np.nan), np.full((points, 3, 3), np.nan), np.full((count, count), np.nan)
-        )
-    return Covariances(cameras.square(columns), of_points, cameras.square(np.arange(total - count, total)))
+        return unknown
+    values, of_rig = cameras.square(np.arange(total - count, total)), cameras.square(of_sensors.ravel())
+    unseen = np.repeat((of_sensors < 0).all(axis=1), 6)
+    unseen[:6] = False  # the first sensor defines the frame of the rig
+    of_rig[unseen], of_rig[:, unseen] = np.nan, np.nan
+    return Covariances(cameras.square(of_frames), of_points, values, of_rig)
 
 
 def _period(camera: Sensor) -> float | None:

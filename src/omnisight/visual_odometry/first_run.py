@@ -17,7 +17,7 @@ def parts() -> tuple[str, ...]:
     For `compile_in_parallel`.
     """
     from omnisight.compiled import has_code
-    from omnisight.visual_odometry._patch_kernel import align
+    from omnisight.visual_odometry._patch_alignment_kernel import align
 
     return () if has_code(align) else PARTS
 

@@ -189,7 +189,7 @@ class Tracker:
 
     def _align(self, sensor: int, patches: Patches, predicted: Pose) -> Patches:
         """Return patches as an image of a sensor shows them; they are predicted in its used region."""
-        from omnisight.visual_odometry._patch_kernel import align
+        from omnisight.visual_odometry._patch_alignment_kernel import align
 
         views = self._views(sensor, patches, predicted)
         start, maps, depths = views.pixels, views.maps, views.derivatives_by_depth

@@ -285,6 +285,7 @@ class _ReconstructionSteps:
             focal_length_changes=changes,
             georeferences=georeferences,
             other_warnings=self.world.warnings,
+            known_poses=self.sources.poses if self.sources.refines_extrinsics else (),
         )
 
     def pairs(self, keypoints: Sequence[Keypoints], images: RigImages) -> Pairs:

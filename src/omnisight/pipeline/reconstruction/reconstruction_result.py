@@ -3,11 +3,35 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from omnisight.display import Displayed
+from omnisight.geometry.pose import Pose
 from omnisight.images import unreadable_warnings
 from omnisight.sfm.calibration_check import FocalLengthChange
 from omnisight.sfm.georeference import Georeference
 from omnisight.sfm.reconstruction import Reconstruction
+
+
+@dataclass(frozen=True, eq=False)
+class ExtrinsicsChange(Displayed):
+    """How far a refined pose of a camera on its rig is from that of the file.
+
+    Attributes
+    ----------
+    camera
+        Name of the camera.
+    distance, angle
+        Length of the difference of `sensor_from_rig` in the unit of the rig, and angle, radians.
+    distance_sigma, angle_sigma
+        Standard deviations of the refined pose, see `Rig.sigmas`; NaN if it is not determined.
+    """
+
+    camera: str
+    distance: float
+    angle: float
+    distance_sigma: float
+    angle_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +65,8 @@ class ReconstructionResult(Displayed):
         How each model was scaled or brought to known positions; none if there are no measurements in metres.
     other_warnings
         Known positions that are not used.
+    known_poses
+        Poses `sensor_from_rig` of a rig file if they were refined; none otherwise.
     """
 
     models: tuple[Reconstruction, ...]
@@ -55,10 +81,22 @@ class ReconstructionResult(Displayed):
     focal_length_changes: Mapping[str, FocalLengthChange] = field(default_factory=dict[str, FocalLengthChange])
     georeferences: tuple[Georeference, ...] = ()
     other_warnings: tuple[str, ...] = ()
+    known_poses: tuple[Pose, ...] = ()
 
     def __bool__(self) -> bool:
         """Return whether there is a model."""
         return bool(self.models)
+
+    def extrinsics_changes(self, model: Reconstruction) -> tuple[ExtrinsicsChange, ...]:
+        """Return how far the refined poses of the cameras that a model shows are from those of the rig file."""
+        rig, changes, shown = model.rig, list[ExtrinsicsChange](), set(model.sensor.tolist())
+        for k, (name, known) in enumerate(zip(rig.names, self.known_poses, strict=False)):
+            if k and k in shown:
+                step = known.step_to(rig.sensor_from_rig[k])
+                angle, distance = (float(np.linalg.norm(part)) for part in (step[:3], step[3:]))
+                angle_sigma, distance_sigma = rig.sigmas(name) or (np.nan, np.nan)
+                changes.append(ExtrinsicsChange(name, distance, angle, distance_sigma, angle_sigma))
+        return tuple(changes)
 
     @property
     def warnings(self) -> tuple[str, ...]:
