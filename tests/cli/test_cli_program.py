@@ -99,6 +99,9 @@ def test_an_unknown_command_gets_the_closest_one(run):
             "unknown option --square-size (did you mean --square?)",
         ),
         (("target", "aprilgrid", "6x6", "--tag-size", "3cm"), "unknown option --tag-size (did you mean --tag?)"),
+        (("calibrate", "rig", "front", "back"), "rig: no such file or folder (did you mean omnisight calibrate-rig?)"),
+        (("view", "a.mp4", "--codec", "h265", "-o", "b.mp4"), "--codec h265: this codec is called hevc here"),
+        (("target", "checkerboard", "9x6", "--square", "0"), "square: the length '0' must be positive"),
         (("--hlep",), "unknown option --hlep (did you mean --help?)"),
         (
             ("--json", "inspect", "a.json"),

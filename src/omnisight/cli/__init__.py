@@ -54,8 +54,7 @@ def application(first: str = "") -> "App":
         suppress_keyboard_interrupt=False,
     )
     groups = {name: Group(name, sort_key=index) for index, name in enumerate(GROUPS)}
-    modules = [found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")]
-    commands = {name.replace("_", "-"): name for name in modules}
+    commands = {name.replace("_", "-"): name for name in _modules()}
     if first not in commands:
         app.register_install_completion_command(help="Complete commands and options in the shell with the Tab key.")
     for command in [first] if first in commands else commands:
@@ -85,8 +84,21 @@ def main(arguments: list[str] | None = None) -> None:
                 _print_error(_interruption(error))
                 sys.exit(EXIT_INTERRUPTED)
             status, message = _failure(error, debug)
-            _print_error(message)
+            _print_error(_meant_command(tokens) or message)
             sys.exit(status)
+
+
+def _meant_command(tokens: list[str]) -> str:
+    """Return the message if the two words of a command were typed apart, such as `calibrate rig`; empty if not."""
+    words = tokens[:2]
+    if len(words) < 2 or "_".join(words) not in _modules() or os.path.exists(words[1]):
+        return ""
+    return f"{words[1]}: no such file or folder (did you mean omnisight {'-'.join(words)}?)"
+
+
+def _modules() -> list[str]:
+    """Return the names of the modules of the commands."""
+    return [found.name for found in pkgutil.iter_modules(__path__) if not found.name.startswith("_")]
 
 
 def _run(tokens: list[str], first: str) -> None:

@@ -16,6 +16,8 @@ from cyclopts import (
 PROGRAM_OPTIONS, HELP = ("help", "version", "install-completion"), "help"
 # Types of numbers in messages.
 NUMBERS: dict[object, str] = {int: "an integer", float: "a number"}
+# Other names of codecs, of which close ones would be other codecs.
+CODECS = {"h265": "hevc", "h.265": "hevc", "x265": "hevc", "avc": "h264", "h.264": "h264", "x264": "h264"}
 
 
 def option_error(error: CycloptsError) -> str:
@@ -27,6 +29,9 @@ def option_error(error: CycloptsError) -> str:
         message = (
             f"{error.token.keyword or error.token.value}: {error.token.value!r} is not {NUMBERS[error.target_type]}"
         )
+    elif isinstance(error, CoercionError) and error.token is not None and error.token.value.lower() in CODECS:
+        value, codec = error.token.value, CODECS[error.token.value.lower()]
+        message = f"{error.token.keyword} {value}: this codec is called {codec} here"
     if isinstance(error, UnusedCliTokensError):
         message = _unused_arguments(error)
     if isinstance(error, UnknownOptionError):

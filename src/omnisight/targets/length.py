@@ -25,13 +25,15 @@ def parse_length(text: str, name: str = "") -> float:
             f"{start}cannot read the length {text!r}: expected a number with its unit ({units}), such as 32.5mm"
         )
     number, unit = match[1], re.sub("[µμ]", "u", match[2].lower())
+    if not float(number) > 0:
+        raise ValueError(f"{start}the length {text.strip()!r} must be positive")
     if not unit:
         raise ValueError(f"{start}the length {text.strip()!r} has no unit: write {number}mm or {number}m ({units})")
     if unit not in UNITS_PER_METRE:
         raise ValueError(f"{start}the length {text.strip()!r} has an unknown unit {match[2]!r}: use one of {units}")
     metres = float(number) / UNITS_PER_METRE[unit]
     if not 0 < metres < np.inf:
-        raise ValueError(f"{start}the length {text.strip()!r} must be positive")
+        raise ValueError(f"{start}the length {text.strip()!r} must be positive and finite")
     return metres
 
 
