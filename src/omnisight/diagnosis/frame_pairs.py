@@ -113,7 +113,7 @@ class PatchTracking:
             self._motion = MotionPrediction.still(seconds, Pose())
         pose = self._motion.rig_from_world
         tracker.track([gray], pose)
-        tracker.detect([gray], pose)
+        tracker.start(tracker.corners([gray]), pose)
         self.runs.append([SeenFrame(index, seconds, tracker.rays(pose))])
         self.steps.append([])
         return len(self.runs[-1][0].rays)
