@@ -1,5 +1,8 @@
 """Checks of recordings that have one defect each."""
 
+import re
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -41,6 +44,18 @@ def test_a_camera_of_another_size_is_reported(walk):
     found, _ = findings(walk.folder / "images", om.fisheye(300, 300))
     assert found["calibration"].level == Level.FAILED
     assert "400x300" in found["calibration"].figure.replace(" ", "")
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.05])
+def test_a_camera_of_another_focal_length_is_reported(walk, factor):
+    model = walk.camera.model
+    other = replace(walk.camera, model=replace(model, fx=factor * model.fx, fy=factor * model.fy))
+    finding = findings(walk.folder / "images", other)[0]["calibration"]
+    assert finding.level == Level.WARNING
+    assert "does the file belong to this camera" in finding.advice
+    percent, sigma, direction = re.search(r"length ([\d.]+)% ± ([\d.]+)% (\w+)", finding.figure).groups()
+    change = float(percent) * (1 if direction == "longer" else -1)
+    assert change == pytest.approx(100 * (1 / factor - 1), abs=4 * float(sigma))
 
 
 def test_a_rolling_shutter_is_measured(rolling):

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.diagnosis.edge_blur import edge_blur
+from omnisight.diagnosis.focal_length import estimate_focal_length_change
 from omnisight.diagnosis.frame_pairs import Motion, PatchTracking
 from omnisight.diagnosis.readout_time import ReadoutTime, estimate_readout_time
 from omnisight.diagnosis.static_regions import StaticEdges
 from omnisight.features.detection import illuminated_region
 from omnisight.images import estimate_image_field
 from omnisight.images.mask import masked_region
+from omnisight.sfm.calibration_check import FocalLengthChange
 
 Array = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -137,6 +139,13 @@ class Recording:
         if self.tracking is None or self.camera is None:
             return None
         return estimate_readout_time(self.camera, self.tracking.runs)
+
+    @cached_property
+    def focal_length_change(self) -> FocalLengthChange | None:
+        """The change of the focal length that the images agree with best; None if it cannot be determined."""
+        if self.tracking is None or self.camera is None:
+            return None
+        return estimate_focal_length_change(self.camera, self.tracking.runs)
 
     @cached_property
     def static_region(self) -> Mask | None:
