@@ -21,6 +21,8 @@ STEP = 1e-3
 # Gauss-Newton steps, and their size, in standard deviations, below which they end. The relative poses are estimated
 # again after each.
 MAX_ROUNDS, CONVERGED_SIGMA = 6, 0.2
+# Change beyond which the estimate diverges: with no smaller one the images agree.
+MAX_CHANGE = 0.7
 
 
 def estimate_focal_length_change(camera: Camera, runs: Sequence[Sequence[SeenFrame]]) -> FocalLengthChange | None:
@@ -32,16 +34,18 @@ def estimate_focal_length_change(camera: Camera, runs: Sequence[Sequence[SeenFra
     basis = scaling_basis(camera)
     if basis is None:
         return None
-    change, sigma = 0.0, np.inf
+    change = 0.0
     for _ in range(MAX_ROUNDS):
         now, later = (_scaled(camera, basis, relative) for relative in (change, change + STEP))
-        found = [each for run in runs for each in _of_run(camera, now, later, run)]
+        found = [each for run in runs if len(run) > 1 for each in _of_run(camera, now, later, run)]
         if len(found) < MIN_RUNS:
             return None
         step, sigma = weighted_mean(found)
         change += step
         if abs(step) < CONVERGED_SIGMA * sigma:
             return FocalLengthChange(change, sigma)
+        if abs(change) > MAX_CHANGE:
+            return None
     return None
 
 

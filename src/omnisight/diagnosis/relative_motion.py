@@ -23,7 +23,7 @@ MIN_INLIERS = 30
 
 @dataclass(frozen=True, eq=False)
 class RelativeMotion:
-    """The relative pose of two consecutive images, with the rays (N) that agree with it.
+    """The relative pose of two images, with the rays (N) that agree with it.
 
     Attributes
     ----------
