@@ -59,6 +59,25 @@ def copy(source, output, options=VideoOptions(), **more):
     return output
 
 
+@pytest.mark.parametrize("sound", [True, False])
+@pytest.mark.parametrize("suffix", [".mp4", ".mov", ".mkv"])
+def test_tags_of_the_clip_are_kept(flash, tmp_path, suffix, sound):
+    tags = {"creation_time": "2026-05-04T03:02:01.000000Z", "location": "+47.3000+008.5000/", "title": "A walk"}
+    source = tmp_path / "tagged.mov"
+    with av.open(str(flash)) as clip, av.open(str(source), "w") as tagged:
+        tagged.metadata.update(tags)
+        stream = tagged.add_stream_from_template(clip.streams.video[0])
+        for packet in clip.demux(clip.streams.video[0]):
+            if packet.dts is not None:
+                packet.stream = stream
+                tagged.mux(packet)
+    with av.open(str(copy(source, tmp_path / f"view{suffix}", VideoOptions(sound=sound)))) as written:
+        found = {name.lower(): value for name, value in written.metadata.items()}
+    assert {name: found[name].removesuffix(".000000Z").removesuffix("Z") for name in tags} == {
+        name: value.removesuffix(".000000Z") for name, value in tags.items()
+    }
+
+
 def beep_start(path):
     """Return the time at which the sound begins, seconds from the start of the file."""
     with av.open(str(path)) as container:

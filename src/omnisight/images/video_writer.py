@@ -41,6 +41,8 @@ MATROSKA_OPTIONS = {"cluster_time_limit": str(FRAGMENT_S * 1000)}  # millisecond
 FLUSH = {"flush_packets": "1"}
 # Heights from which frames without a colour space are shown as BT.709 by players, and its numbers in FFmpeg.
 HD_HEIGHT, BT709, BT601 = 720, 1, 6
+# Tags of a clip that hold for its views, too.
+TAGS = "creation_time", "location", "date", "make", "model", "title", "artist", "comment", "copyright"
 
 
 class VideoWriter:
@@ -72,7 +74,7 @@ class VideoWriter:
         size
             (width, height) of the frames, px; an odd last column or row is not written.
         like
-            Clip with the sound and the time base of the video; or a number of frames per second.
+            Clip with the sound, the tags and the time base of the video; or a number of frames per second.
         options
             Codec, quality and sound.
         is_sphere
@@ -185,9 +187,11 @@ class VideoWriter:
         if self._codec == "hevc" and is_mp4:
             stream.codec_context.codec_tag = "hvc1"  # QuickTime plays no other
         self._stream = stream
-        if self._clip is not None and self._options.sound:
+        if self._clip is not None:
             clip = self._opened.enter_context(open_container(self._clip.path))
-            self._sound = Sound(clip, container, self.output.suffix.lower())
+            container.metadata.update({tag: clip.metadata[tag] for tag in TAGS if tag in clip.metadata})
+            if self._options.sound:
+                self._sound = Sound(clip, container, self.output.suffix.lower())
         return container
 
     def _converted(self, image: NDArray[np.uint8]) -> Any:
