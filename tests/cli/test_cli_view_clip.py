@@ -90,6 +90,20 @@ def test_several_views_are_made_in_one_pass(source, view):
     assert [entry["files"][0].rsplit("/")[-1] for entry in data["views"]] == list(outputs)
 
 
+def test_only_a_sphere_of_all_directions_is_tagged_as_such(run, source, tmp_path):
+    fixed = "view", source / "clip.avi", "--camera", source / "camera.json", "--size", "128x64"
+    views = {"sphere.mp4": (), "part.mp4": ("--elevation", "-40:40"), "sphere.mkv": ()}
+    for name, more in views.items():
+        status, _, err = run(*fixed, "--to", "sphere", *more, "-o", tmp_path / name)
+        assert (status, err) == (0, "")
+        assert len(list(Clip.open(tmp_path / name).frames())) == COUNT
+    assert {name: b"sv3d" in (tmp_path / name).read_bytes() for name in views} == {
+        "sphere.mp4": True,
+        "part.mp4": False,
+        "sphere.mkv": False,
+    }
+
+
 def test_a_pan_turns_from_its_first_to_its_last_direction(source, view):
     (frames,), _ = view("--fov", "70", "--pan", "-40:41")
     for k, yaw in ((0, -40.0), (3, -13.0), (COUNT - 1, 41.0)):

@@ -9,6 +9,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 import omnisight as om
 from omnisight.images.exif import exif_orientation, exif_position
+from omnisight.images.gpano import read_gpano
 from omnisight.images.view_tags import view_tags, with_view_tags
 
 MAKE, ORIENTATION, DETAILS, GPS = 0x010F, 0x0112, 0x8769, 0x8825
@@ -56,6 +57,35 @@ def test_view_of_a_view_keeps_the_tags(photo, tmp_path):
     om.view(photo, None, tmp_path / "sphere.png", om.ViewOptions("sphere", size=(200, 100)))
     om.view(tmp_path / "sphere.png", None, tmp_path / "view.jpg", om.ViewOptions(size=(60, 40)))
     assert view_tags((tmp_path / "view.jpg").read_bytes()) == view_tags(photo.read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("options", "whole", "offset", "size"),
+    [
+        (om.ViewOptions("sphere", size=(200, 100)), (200, 100), (0, 0), (200, 100)),
+        (
+            om.ViewOptions("sphere", size=(100, 50), azimuth=(-90, 90), elevation=(-45, 90)),
+            (200, 100),
+            (50, 0),
+            (100, 75),
+        ),
+    ],
+)
+def test_sphere_has_the_tags_with_which_viewers_show_it(photo, tmp_path, options, whole, offset, size):
+    om.view(photo, None, tmp_path / "sphere.jpg", options)
+    tags = read_gpano((tmp_path / "sphere.jpg").read_bytes())
+    assert tags["ProjectionType"] == "equirectangular"
+    for name, expected in [("FullPano", whole), ("CroppedAreaImage", size)]:
+        assert (int(tags[f"{name}WidthPixels"]), int(tags[f"{name}HeightPixels"])) == expected
+    assert (int(tags["CroppedAreaLeftPixels"]), int(tags["CroppedAreaTopPixels"])) == offset
+    with Image.open(tmp_path / "sphere.jpg") as sphere:
+        assert sphere.size == size
+        assert sphere.getexif()[MAKE] == "Maker of cameras"
+
+
+def test_view_that_is_no_sphere_has_no_tags_of_one(photo, tmp_path):
+    om.view(photo, None, tmp_path / "view.jpg", om.ViewOptions(size=(60, 40)))
+    assert read_gpano((tmp_path / "view.jpg").read_bytes()) == {}
 
 
 def test_image_without_tags_is_written_without(tmp_path):

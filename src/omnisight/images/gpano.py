@@ -4,14 +4,37 @@ Namespace http://ns.google.com/photos/1.0/panorama/ (Google, Photo Sphere XMP Me
 """
 
 import re
+from typing import NamedTuple
 
 from omnisight.images.headers import APP1, JPEG_MAGIC, jpeg_segments, with_app1
 
 _XMP = b"http://ns.adobe.com/xap/1.0/\0"
 
 
-def with_gpano(jpeg: bytes, size: tuple[int, int], *, heading: float | None = None, is_level: bool = False) -> bytes:
-    """Return a JPEG file with the tags of a whole sphere.
+class SpherePart(NamedTuple):
+    """The part of a whole sphere that an image shows.
+
+    Attributes
+    ----------
+    whole
+        (width, height) of the image of the whole sphere, px.
+    offset
+        Column and row of the first pixel in that image.
+    """
+
+    whole: tuple[int, int]
+    offset: tuple[int, int] = (0, 0)
+
+
+def with_gpano(
+    jpeg: bytes,
+    size: tuple[int, int],
+    *,
+    part: SpherePart | None = None,
+    heading: float | None = None,
+    is_level: bool = False,
+) -> bytes:
+    """Return a JPEG file with the tags of a sphere.
 
     Parameters
     ----------
@@ -19,6 +42,8 @@ def with_gpano(jpeg: bytes, size: tuple[int, int], *, heading: float | None = No
         The file.
     size
         (width, height), px.
+    part
+        The part of the sphere that it shows; None for all of it.
     heading
         Direction of the centre, degrees clockwise from north; None if it is unknown.
     is_level
@@ -31,17 +56,17 @@ def with_gpano(jpeg: bytes, size: tuple[int, int], *, heading: float | None = No
     """
     if not jpeg.startswith(JPEG_MAGIC):
         raise ValueError("GPano tags are written to JPEG files only")
-    width, height = size
+    (width, height), ((whole_width, whole_height), (left, top)) = size, part or SpherePart(size)
     tags: dict[str, str | int] = {
         "ProjectionType": "equirectangular",
         "UsePanoramaViewer": "True",
         "StitchingSoftware": "omnisight",
-        "FullPanoWidthPixels": width,
-        "FullPanoHeightPixels": height,
+        "FullPanoWidthPixels": whole_width,
+        "FullPanoHeightPixels": whole_height,
         "CroppedAreaImageWidthPixels": width,
         "CroppedAreaImageHeightPixels": height,
-        "CroppedAreaLeftPixels": 0,
-        "CroppedAreaTopPixels": 0,
+        "CroppedAreaLeftPixels": left,
+        "CroppedAreaTopPixels": top,
     }
     if heading is not None:
         tags["PoseHeadingDegrees"] = f"{heading % 360:.3f}"

@@ -12,6 +12,7 @@ from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
 from omnisight.images.gpano import with_gpano
 from omnisight.images.output_paths import check_folder_of, check_output_folder, refuse_overwrite
 from omnisight.images.planes import Yuv
+from omnisight.images.spherical_video import SPHERE_SUFFIXES
 from omnisight.images.video_encoders import encoded_depth
 from omnisight.images.video_writer import VideoWriter
 from omnisight.images.view_tags import read_view_tags, with_view_tags
@@ -24,9 +25,6 @@ from omnisight.views.image_size import check_size
 from omnisight.views.stitching.frame_stitcher import FrameStitcher
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
-
-# Containers in which the metadata of a sphere are written.
-SPHERE_SUFFIXES = (".mp4", ".m4v", ".mov")
 
 
 @dataclass(frozen=True, eq=False)

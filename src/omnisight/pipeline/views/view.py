@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import save
-from omnisight.images import collect_images, encode_image, read_image, write_bytes, write_image
+from omnisight.images import collect_images, read_image, write_bytes, write_image
 from omnisight.images.output_paths import check_output_folder, output_paths, refuse_overwrite
-from omnisight.images.view_tags import read_view_tags, with_view_tags
+from omnisight.images.view_tags import read_view_tags
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
+from omnisight.pipeline.views.view_encoding import encode_view
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
 from omnisight.progress import Progress, no_progress
@@ -228,7 +229,7 @@ class _ImageView:
             view = self._renderer(image, name)
             if len(self.files) > 1:
                 file.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(file, with_view_tags(encode_image(view, file.name), read_view_tags(path)))
+            write_bytes(file, encode_view(view, file.name, self._renderer.target, read_view_tags(path)))
             self._written.append(file)
         except ValueError as error:
             if len(self.files) == 1:

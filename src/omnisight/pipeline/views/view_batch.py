@@ -7,14 +7,14 @@ from typing import Any
 from omnisight.camera import Camera
 from omnisight.formats.native import to_json
 from omnisight.images.read import decode_image
-from omnisight.images.view_tags import view_tags, with_view_tags
-from omnisight.images.write import encode_image
+from omnisight.images.view_tags import view_tags
 from omnisight.pipeline.batch.batch import Batch, BatchResult
 from omnisight.pipeline.batch.manifest import items_of_images
 from omnisight.pipeline.batch.storage import list_images
 from omnisight.pipeline.batch.task import Item, Process, describe
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, central_camera
 from omnisight.pipeline.inputs.work_folder import digest
+from omnisight.pipeline.views.view_encoding import encode_view
 from omnisight.pipeline.views.view_options import ViewOptions
 from omnisight.pipeline.views.view_renderer import ViewRenderer
 
@@ -46,7 +46,7 @@ class ViewTask:
         def view(item: Item, data: Sequence[bytes]) -> list[bytes]:
             (name,), (content,) = item.names, data
             image = decode_image(content, name, apply_exif=self.options.apply_exif)
-            return [with_view_tags(encode_image(render(image, name), item.outputs[0]), view_tags(content))]
+            return [encode_view(render(image, name), item.outputs[0], render.target, view_tags(content))]
 
         return view
 

@@ -17,10 +17,12 @@ from omnisight.display import Displayed
 from omnisight.images import Clip
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
+from omnisight.images.spherical_video import SPHERE_SUFFIXES
 from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.views.view import ViewResult
+from omnisight.pipeline.views.view_encoding import is_whole_sphere
 from omnisight.pipeline.views.view_motion import Angles, check_fixed_angles, moved, stabilization, view_angles
 from omnisight.pipeline.views.view_options import ViewMotion, ViewOptions
 from omnisight.pipeline.views.view_renderer import hatch
@@ -111,7 +113,15 @@ def view_clip(
     count = 0
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(VideoWriter(file, view.size, source_clip, video))
+            stack.enter_context(
+                VideoWriter(
+                    file,
+                    view.size,
+                    source_clip,
+                    video,
+                    is_sphere=view.is_sphere and file.suffix.lower() in SPHERE_SUFFIXES,
+                )
+            )
             for file, view in zip(files, rendered, strict=True)
         ]
         for frame in stack.enter_context(closing(prefetch(source_clip.frames(limit=None)))):
@@ -130,6 +140,10 @@ class _ClipView:
 
     Attributes
     ----------
+    is_sphere
+        Whether it shows all directions, equirectangular.
+    size
+        (width, height), px.
     time
         Time of the frame that is measured, s: the first with the smallest part covered within the calibrated field of
         view.
@@ -146,6 +160,7 @@ class _ClipView:
         self._measured: tuple[Camera, Sequence[Array], NDArray[np.bool_]] | None = None
         self._faces: list[FrameRemapper] = []
         self._hatched: NDArray[np.bool_] | None = None
+        self.is_sphere = is_whole_sphere(_even(target))
         width, height = _even(target).size
         self.size = (4 * width, 3 * height) if len(rotations) > 1 else (width, height)
 
