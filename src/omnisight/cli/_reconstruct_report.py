@@ -54,7 +54,7 @@ def summary(result: ReconstructionResult) -> dict[str, object]:
         "georeference": _georeference_json(result),
         "self_calibrated": list(result.self_calibrated),
         "focal_length_changes": focal_length_changes_json(result),
-        "extrinsics_changes": [_extrinsics_changes_json(result, each) for each in result.models],
+        "extrinsics_changes": _extrinsics_changes_json(result),
         "unregistered": result.unregistered,
         "unverified": list(model.unverified) if model else [],
         "seconds": round(result.seconds, 3),
@@ -107,10 +107,10 @@ def print_report(result: ReconstructionResult, output: Path) -> None:
             print(f"scale       {_describe_scale(model)}")
         elif len(model) > 1:
             print("scale       arbitrary")
-        for change in result.extrinsics_changes(model):
-            print(f"rig         {_describe_change(change, model.rig.unit)}")
         if result.georeferences:
             _print_georeference(result.georeferences[number], model)
+    for change in result.extrinsics_changes:
+        print(f"rig         {_describe_change(change, result.models[0].rig.unit)}")
     for warning in focal_length_warnings(result):
         print(f"warning     {warning}")
     memory = "" if (megabytes := _megabytes(result)) is None else f", {megabytes} MB of memory at most"
@@ -178,9 +178,9 @@ def _print_georeference(georeference: Georeference, model: Reconstruction) -> No
         print(f"origin      {latitude:.7f}, {longitude:.7f}, {altitude:.1f} m (WGS 84; x east, y north, z up)")
 
 
-def _extrinsics_changes_json(result: ReconstructionResult, model: Reconstruction) -> list[dict[str, object]]:
+def _extrinsics_changes_json(result: ReconstructionResult) -> list[dict[str, object]]:
     """Return how far the refined poses of the cameras on the rig are from those of its file."""
-    in_metres = model.rig.unit == "m"
+    in_metres = bool(result) and result.models[0].rig.unit == "m"
     return [
         {
             "camera": change.camera,
@@ -189,7 +189,7 @@ def _extrinsics_changes_json(result: ReconstructionResult, model: Reconstruction
             "angle_deg": math.degrees(change.angle),
             "sigma_deg": _finite(math.degrees(change.angle_sigma)),
         }
-        for change in result.extrinsics_changes(model)
+        for change in result.extrinsics_changes
     ]
 
 

@@ -48,6 +48,8 @@ class Map:
         The relative poses of the images.
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
+    sensor_covariance
+        (6 S, 6 S) of the poses of the sensors if several maps have determined them; None otherwise.
     values
         (Q,) of free cameras.
     measured
@@ -65,6 +67,7 @@ class Map:
     noise: StudentT
     graph: ViewGraph
     refines_sensors: bool = False
+    sensor_covariance: Array | None = None
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
     verified: Indices = field(default_factory=lambda: np.zeros(0, np.intp))

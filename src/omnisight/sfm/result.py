@@ -43,7 +43,8 @@ def build_reconstruction(
     which = images.keypoints(tracks)
     poses, unit = tuple(map(Pose.of_matrix, found.sensor_from_rig)), "m" if found.has_scale else "units"
     of_map = covariances(found)
-    rig = replace(rig, sensor_from_rig=poses, unit=unit, covariance=of_map.sensors if found.refines_sensors else None)
+    of_rig = of_map.sensors if found.refines_sensors else found.sensor_covariance
+    rig = replace(rig, sensor_from_rig=poses, unit=unit, covariance=of_rig)
     if images.pixels is not None:
         rig = replace(rig, cameras=images.pixels.free.at(found.values, of_map.values))
     pixels = np.concatenate([each.pixels for each in keypoints])[which]

@@ -28,6 +28,7 @@ from omnisight.progress import Progress, no_progress
 from omnisight.rig import Rig
 from omnisight.sfm.calibration_check import FocalLengthChange, focal_length_changes
 from omnisight.sfm.colmap_mapper import Mapper, map_images_with_colmap, require_pycolmap
+from omnisight.sfm.common_extrinsics import with_common_extrinsics
 from omnisight.sfm.contradicted_edges import without_contradicted_edges
 from omnisight.sfm.extrinsics import estimate_extrinsics
 from omnisight.sfm.georeference import Georeference
@@ -195,7 +196,8 @@ class _ReconstructionSteps:
             images = images.on_rig(self.files.frame, poses, is_known=True)
         pairs, matching = self.pairs(detected.keypoints, images), partial(self.progress, "matching")
         graph = match(self.work, detected.keypoints, pairs, matching, images.known_pose)
-        return graph, self.map_graph(detected, images, graph, refines_sensors=self.sources.refines_extrinsics)
+        maps = self.map_graph(detected, images, graph, refines_sensors=self.sources.refines_extrinsics)
+        return graph, with_common_extrinsics(maps) if self.sources.refines_extrinsics and len(maps) > 1 else maps
 
     def map_on_estimated_rig(
         self, detected: DetectedImages, graph: ViewGraph, found: Map

@@ -87,15 +87,17 @@ class ReconstructionResult(Displayed):
         """Return whether there is a model."""
         return bool(self.models)
 
-    def extrinsics_changes(self, model: Reconstruction) -> tuple[ExtrinsicsChange, ...]:
-        """Return how far the refined poses of the cameras that a model shows are from those of the rig file."""
-        rig, changes, shown = model.rig, list[ExtrinsicsChange](), set(model.sensor.tolist())
-        for k, (name, known) in enumerate(zip(rig.names, self.known_poses, strict=False)):
+    @property
+    def extrinsics_changes(self) -> tuple[ExtrinsicsChange, ...]:
+        """How far the refined poses of the cameras that the models show are from those of the rig file."""
+        changes, shown = list[ExtrinsicsChange](), {k for model in self.models for k in model.sensor.tolist()}
+        for k, known in enumerate(self.known_poses):
             if k and k in shown:
+                rig = self.models[0].rig
                 step = known.step_to(rig.sensor_from_rig[k])
                 angle, distance = (float(np.linalg.norm(part)) for part in (step[:3], step[3:]))
-                angle_sigma, distance_sigma = rig.sigmas(name) or (np.nan, np.nan)
-                changes.append(ExtrinsicsChange(name, distance, angle, distance_sigma, angle_sigma))
+                angle_sigma, distance_sigma = rig.sigmas(k) or (np.nan, np.nan)
+                changes.append(ExtrinsicsChange(rig.names[k], distance, angle, distance_sigma, angle_sigma))
         return tuple(changes)
 
     @property
