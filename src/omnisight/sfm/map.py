@@ -48,14 +48,14 @@ class Map:
         The relative poses of the images.
     refines_sensors
         Whether bundle adjustment refines the poses of the sensors.
-    sensor_covariance
-        (6 S, 6 S) of the poses of the sensors if several maps have determined them; None otherwise.
     values
         (Q,) of free cameras.
     measured
         What was measured in metres.
     verified
         (V,) indices of the frames that are verified, see `with_verification`; none before.
+    sensor_covariance
+        (6 S, 6 S) of the poses of the sensors if several maps have determined them; None otherwise.
     """
 
     images: RigImages
@@ -67,10 +67,10 @@ class Map:
     noise: StudentT
     graph: ViewGraph
     refines_sensors: bool = False
-    sensor_covariance: Array | None = None
     values: Array = field(default_factory=lambda: np.zeros(0))
     measured: Measurements | None = None
     verified: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
+    sensor_covariance: Array | None = None
 
     @property
     def has_scale(self) -> bool:
