@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.diagnosis.frame_pairs import SeenFrame
-from omnisight.diagnosis.relative_motion import RelativeMotion, last_parameter, weighted_mean
+from omnisight.diagnosis.relative_motion import RelativeMotion, weighted_mean
 from omnisight.sfm.calibration_check import FocalLengthChange, scaling_basis
 from omnisight.visual_odometry.ray_observations import FrameRays
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 # Runs that are measured at least.
 MIN_RUNS = 4
@@ -57,16 +58,21 @@ def _scaled(camera: Camera, basis: Array, relative: float) -> Camera:
 def _of_run(camera: Camera, now: Camera, later: Camera, run: Sequence[SeenFrame]) -> list[tuple[float, float]]:
     """Return the change of the focal length with its standard deviation, from two cameras `STEP` apart, if known."""
     ends = (replace(frame, rays=_seen_by(now, camera, frame.rays)) for frame in (run[0], run[-1]))
-    motion = RelativeMotion.of(*ends)
+    motion = RelativeMotion.of(*(replace(end, rays=end.rays[_is_known(end.rays)]) for end in ends))
     if motion is None or motion.is_rotation:
         return []
-    r, jacobian = motion.linearized(motion.first, motion.second)
-    shifted, _ = motion.linearized(*(_seen_by(later, now, rays) for rays in (motion.first, motion.second)))
-    return last_parameter(r, np.column_stack([jacobian, (shifted - r) / STEP]))
+    first, second = (_seen_by(later, now, rays) for rays in (motion.first, motion.second))
+    use = _is_known(first) & _is_known(second)
+    return replace(motion, first=motion.first[use], second=motion.second[use]).parameter(first[use], second[use], STEP)
+
+
+def _is_known(rays: FrameRays) -> Mask:
+    """Return which rays (N,) a camera has."""
+    return np.asarray(np.isfinite(rays.axes).all(axis=(1, 2)) & np.isfinite(rays.bearings).all(axis=1), np.bool_)
 
 
 def _seen_by(now: Camera, before: Camera, rays: FrameRays) -> FrameRays:
-    """Return the rays of another camera for the same pixels and their errors."""
+    """Return the rays (N) of another camera for the same pixels and their errors; NaN where it has none."""
 
     def moved(directions: Array) -> Array:
         return now.unproject(before.project(directions)[0])[0]
@@ -74,8 +80,6 @@ def _seen_by(now: Camera, before: Camera, rays: FrameRays) -> FrameRays:
     # Directions of one standard deviation, which errors of pixels become.
     errors = np.moveaxis(np.linalg.pinv(rays.axes), 2, 0)
     after = np.stack([moved(rays.bearings + error) - moved(rays.bearings - error) for error in errors], axis=-1) / 2
-    bearings = moved(rays.bearings)
-    valid = np.asarray(np.isfinite(after).all(axis=(1, 2)) & np.isfinite(bearings).all(axis=1), np.bool_)
-    axes = np.full_like(rays.axes, np.nan)
+    valid, axes = np.isfinite(after).all(axis=(1, 2)), np.full_like(rays.axes, np.nan)
     axes[valid] = np.linalg.pinv(after[valid])
-    return replace(rays, bearings=bearings, axes=axes)[valid]
+    return replace(rays, bearings=moved(rays.bearings), axes=axes)

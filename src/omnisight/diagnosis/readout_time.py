@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnisight.camera import Camera
 from omnisight.diagnosis.frame_pairs import SeenFrame
-from omnisight.diagnosis.relative_motion import RelativeMotion, last_parameter, weighted_mean
+from omnisight.diagnosis.relative_motion import RelativeMotion, weighted_mean
 from omnisight.geometry import rotation as so3
 from omnisight.visual_odometry.ray_observations import FrameRays
 
@@ -56,14 +56,11 @@ def estimate_readout_time(camera: Camera, runs: Sequence[Sequence[SeenFrame]]) -
 
 def _of_pair(camera: Camera, step: RelativeMotion, rates: tuple[Array, Array]) -> list[tuple[float, float]]:
     """Return the readout time with its standard deviation, given the turn rates (3,) at both images, if it is known."""
-    r, jacobian = step.linearized(step.first, step.second)
-    shifted, _ = step.linearized(
-        *(
-            _without_delay(camera, rays, np.cross(rate, rays.bearings) + shift)
-            for rays, rate, shift in zip((step.first, step.second), rates, _translational(step), strict=True)
-        )
+    first, second = (
+        _without_delay(camera, rays, np.cross(rate, rays.bearings) + shift)
+        for rays, rate, shift in zip((step.first, step.second), rates, _translational(step), strict=True)
     )
-    return last_parameter(r, np.column_stack([jacobian, (shifted - r) / STEP_S]))
+    return step.parameter(first, second, STEP_S)
 
 
 def _translational(motion: RelativeMotion) -> tuple[Array, Array]:

@@ -59,7 +59,27 @@ class RelativeMotion:
         used, is_rotation = found.inliers, found.motion.name == "rotation only"
         return cls(first[used], second[used], found.b_from_a.matrix, is_rotation, b.seconds - a.seconds)
 
-    def linearized(self, first: FrameRays, second: FrameRays) -> tuple[Array, Array]:
+    def parameter(self, first: FrameRays, second: FrameRays, step: float) -> list[tuple[float, float]]:
+        """Return a parameter of the camera with its standard deviation, by least squares together with the pose.
+
+        Empty if the rays do not determine it.
+
+        Parameters
+        ----------
+        first, second
+            The rays (N) that the camera has if the parameter is `step` instead of zero.
+        """
+        residuals, jacobian = self._linearized(self.first, self.second)
+        columns = np.column_stack([jacobian, (self._linearized(first, second)[0] - residuals) / step])
+        use = np.isfinite(columns).all(axis=1) & np.isfinite(residuals)
+        r, columns = residuals[use], columns[use]
+        solution = -np.linalg.lstsq(columns, r, rcond=None)[0]
+        variance = float(((r + columns @ solution) ** 2).sum()) / max(len(r) - columns.shape[1], 1)
+        covariance = variance * np.linalg.pinv(columns.T @ columns, hermitian=True)
+        sigma = float(np.sqrt(covariance[-1, -1]))
+        return [(float(solution[-1]), sigma)] if 0 < sigma < np.inf else []
+
+    def _linearized(self, first: FrameRays, second: FrameRays) -> tuple[Array, Array]:
         """Return whitened residuals (M,), and derivatives (M, P) by a step of the pose, for other rays (N)."""
         from omnisight.optim._robust_problem_kernel import linearized
         from omnisight.twoview._alignment_problems_kernel import RotationProblem
@@ -70,23 +90,6 @@ class RelativeMotion:
         kind = RotationProblem if self.is_rotation else RelativePoseProblem
         residuals, jacobian = linearized(kind.of(pairs), self.model)
         return residuals.ravel(), jacobian.reshape(residuals.size, -1)
-
-
-def last_parameter(residuals: Array, columns: Array) -> list[tuple[float, float]]:
-    """Return the step of the last parameter of least squares with its standard deviation, if it is determined.
-
-    Parameters
-    ----------
-    residuals, columns
-        (M,) residuals, and their derivatives (M, P); those that are not finite are not used.
-    """
-    use = np.isfinite(columns).all(axis=1) & np.isfinite(residuals)
-    r, columns = residuals[use], columns[use]
-    solution = -np.linalg.lstsq(columns, r, rcond=None)[0]
-    variance = float(((r + columns @ solution) ** 2).sum()) / max(len(r) - columns.shape[1], 1)
-    covariance = variance * np.linalg.pinv(columns.T @ columns, hermitian=True)
-    sigma = float(np.sqrt(covariance[-1, -1]))
-    return [(float(solution[-1]), sigma)] if 0 < sigma < np.inf else []
 
 
 def weighted_mean(found: Sequence[tuple[float, float]]) -> tuple[float, float]:
