@@ -110,10 +110,17 @@ def covariances(found: Map) -> Covariances:
     except LinAlgError:
         return unknown
     values, of_rig = cameras.square(np.arange(total - count, total)), cameras.square(of_sensors.ravel())
-    unseen = np.repeat((of_sensors < 0).all(axis=1), 6)
-    unseen[:6] = False  # the first sensor defines the frame of the rig
-    of_rig[unseen], of_rig[:, unseen] = np.nan, np.nan
-    return Covariances(cameras.square(of_frames), of_points, values, of_rig)
+    return Covariances(cameras.square(of_frames), of_points, values, with_unknown_sensors(of_rig))
+
+
+def with_unknown_sensors(covariance: Array) -> Array:
+    """Return the covariance (6 S, 6 S) of sensors with NaN for those of which nothing is known, whose entries are 0.
+
+    The first sensor defines the frame of the rig, and has none.
+    """
+    unknown = np.repeat(~np.diagonal(covariance).reshape(-1, 6).any(axis=1), 6)
+    unknown[:6] = False
+    return np.where(unknown[:, None] | unknown, np.nan, covariance)
 
 
 def _period(camera: Sensor) -> float | None:
