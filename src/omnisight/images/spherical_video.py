@@ -15,8 +15,8 @@ _XML_V1 = (
     "</GSpherical:StitchingSoftware><GSpherical:ProjectionType>equirectangular</GSpherical:ProjectionType>"
     "</rdf:SphericalVideo>"
 )
-# Containers in which the metadata of a sphere are written.
-SPHERE_SUFFIXES = (".mp4", ".m4v", ".mov")
+# Containers of MP4's boxes, in which the metadata of a sphere are written.
+MP4_SUFFIXES = (".mp4", ".m4v", ".mov")
 # Bytes of a VisualSampleEntry before its boxes: the header of the box and its fixed fields.
 _SAMPLE_ENTRY_BYTES = 8 + 78
 # Boxes on the way to the sample entry.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from omnisight.images.output_paths import check_folder_of, refuse_overwrite
 from omnisight.images.planes import Yuv
 from omnisight.images.sound import Sound
-from omnisight.images.spherical_video import tag_sphere
+from omnisight.images.spherical_video import MP4_SUFFIXES, tag_sphere
 from omnisight.images.video import Clip, open_container
 from omnisight.images.video_encoders import (
     encoded_depth,
@@ -78,7 +78,7 @@ class VideoWriter:
         options
             Codec, quality and sound.
         is_sphere
-            Add the metadata of an equirectangular sphere.
+            Add the metadata of an equirectangular sphere, if the file can hold them.
 
         Raises
         ------
@@ -95,7 +95,8 @@ class VideoWriter:
         refuse_overwrite([self.partial], [] if self._clip is None else [self._clip.path])
         self._rate = Fraction(like.frame_rate if isinstance(like, Clip) else like).limit_denominator(1001)
         self._time_base = like.time_base if isinstance(like, Clip) else 1 / self._rate
-        self._is_sphere = is_sphere
+        self._is_mp4 = output.suffix.lower() in MP4_SUFFIXES
+        self._is_sphere = is_sphere and self._is_mp4
         self.depth = encoded_depth(self._codec, self._clip)
         self.frames = 0
         self._opened = ExitStack()
@@ -173,8 +174,7 @@ class VideoWriter:
         import av
 
         silence_encoders()
-        is_mp4 = self.output.suffix.lower() in (".mp4", ".m4v", ".mov")
-        options = FLUSH | (MP4_OPTIONS if is_mp4 else MATROSKA_OPTIONS)
+        options = FLUSH | (MP4_OPTIONS if self._is_mp4 else MATROSKA_OPTIONS)
         container: Any = self._opened.enter_context(av.open(str(self.partial), "w", options=options))
         private = encoder_options(self._encoder, self._options, self._codec)
         stream: Any = container.add_stream(self._encoder, rate=self._rate, options=private)
@@ -184,7 +184,7 @@ class VideoWriter:
         stream.codec_context.thread_count = thread_count()
         for name in ("color_range", "colorspace", "color_primaries", "color_trc"):
             setattr(stream.codec_context, name, getattr(frame, name))
-        if self._codec == "hevc" and is_mp4:
+        if self._codec == "hevc" and self._is_mp4:
             stream.codec_context.codec_tag = "hvc1"  # QuickTime plays no other
         self._stream = stream
         if self._clip is not None:

@@ -148,7 +148,9 @@ def stitch(
     planned = plan_frames(frames, body, cameras, options)
     progress("estimate the cameras", 1, 1)
     estimated = time.perf_counter()
-    job = StitchJob(frames, planned.seam_plan, planned.bearings, planned.is_level, options, target, video)
+    job = StitchJob(
+        frames, planned.seam_plan, planned.camera, planned.bearings, planned.is_level, options, target, video
+    )
     done = stitch_clip(job, progress) if frames.is_clip else stitch_images(job, progress)
     seconds = time.perf_counter()
     return stitch_result(planned, done, seconds - start, seconds - estimated)

@@ -23,7 +23,7 @@ from omnisight.pipeline.inputs.camera_sources import RigSource
 from omnisight.pipeline.inputs.image_set import assign_images
 from omnisight.pipeline.inputs.work_folder import digest
 from omnisight.pipeline.stitching.stitch import StitchResult, stitch_result
-from omnisight.pipeline.stitching.stitch_files import StitchedFrames, check_sizes, encode_sphere
+from omnisight.pipeline.stitching.stitch_files import StitchedFrames, check_sizes
 from omnisight.pipeline.stitching.stitch_inputs import (
     HEAD_NAMES,
     Bytes,
@@ -34,6 +34,7 @@ from omnisight.pipeline.stitching.stitch_inputs import (
 )
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
 from omnisight.pipeline.stitching.stitch_plan import plan_frames, sphere_bearings
+from omnisight.pipeline.views.view_encoding import encode_view
 from omnisight.views.stitching.image_stitcher import ImageStitcher
 from omnisight.views.stitching.seam_plan import SeamPlan, plan_stitch
 
@@ -88,7 +89,8 @@ class StitchTask:
                 stitchers.clear()
                 stitchers[item.group] = self.stitcher(images[count:] if item.group else None)
             sphere, heading = stitchers[item.group](images[:count]), self.options.heading
-            return [encode_sphere(sphere, item.outputs[0], view_tags(data[0]), heading, is_level=self.is_level)]
+            tags = view_tags(data[0])
+            return [encode_view(sphere, item.outputs[0], self.camera, tags, heading=heading, is_level=self.is_level)]
 
         return stitch
 

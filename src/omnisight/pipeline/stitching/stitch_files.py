@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnisight.images import IMAGE_SUFFIXES, encode_image, write_bytes
-from omnisight.images.gpano import with_gpano
+from omnisight.camera import Camera
+from omnisight.images import IMAGE_SUFFIXES, write_bytes
 from omnisight.images.output_paths import check_folder_of, check_output_folder, refuse_overwrite
 from omnisight.images.planes import Yuv
-from omnisight.images.spherical_video import SPHERE_SUFFIXES
+from omnisight.images.spherical_video import MP4_SUFFIXES
 from omnisight.images.video_encoders import encoded_depth
 from omnisight.images.video_writer import VideoWriter
-from omnisight.images.view_tags import read_view_tags, with_view_tags
+from omnisight.images.view_tags import read_view_tags
 from omnisight.images.write import WRITABLE_EXTENSIONS
 from omnisight.pipeline.stitching.stitch_inputs import Bytes, HeadFrames
 from omnisight.pipeline.stitching.stitch_options import StitchOptions
+from omnisight.pipeline.views.view_encoding import encode_view
 from omnisight.progress import Progress
 from omnisight.video_options import CONTAINERS, VideoOptions
 from omnisight.views.image_size import check_size
@@ -37,6 +38,8 @@ class StitchJob:
         The frames.
     plan
         The plan of the first frame.
+    camera
+        Equirectangular camera of the spheres.
     bearings
         (H, W, 3) directions of the sphere in the rig frame.
     is_level
@@ -49,6 +52,7 @@ class StitchJob:
 
     frames: HeadFrames
     plan: SeamPlan
+    camera: Camera
     bearings: NDArray[np.float32]
     is_level: bool
     options: StitchOptions
@@ -132,7 +136,8 @@ def _write_image(job: StitchJob, sphere: Bytes, index: int) -> list[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     source = job.frames.sources[index][0]
     tags = b"" if isinstance(source, np.ndarray) else read_view_tags(Path(source))
-    write_bytes(path, encode_sphere(sphere, path.name, tags, job.options.heading, is_level=job.is_level))
+    heading = job.options.heading
+    write_bytes(path, encode_view(sphere, path.name, job.camera, tags, heading=heading, is_level=job.is_level))
     return [path]
 
 
@@ -146,17 +151,6 @@ def check_sizes(images: Sequence[Bytes], plan: SeamPlan, names: Sequence[object]
     for k, (image, sampler) in enumerate(zip(images, plan.samplers, strict=True)):
         name = names[min(k, len(names) - 1)]
         check_size((image.shape[1], image.shape[0]), sampler.camera.size, name)
-
-
-def encode_sphere(sphere: Bytes, name: str, tags: bytes, heading: float | None, *, is_level: bool) -> bytes:
-    """Return the bytes of an image file of a sphere (H, W, 3).
-
-    It has the tags of a photo, of `view_tags`, and those of a sphere if it is a JPEG file.
-    """
-    data = encode_image(sphere, name)
-    if Path(name).suffix.lower() in (".jpg", ".jpeg"):
-        data = with_gpano(data, (sphere.shape[1], sphere.shape[0]), heading=heading, is_level=is_level)
-    return with_view_tags(data, tags)
 
 
 def check_suffix(target: Path) -> None:
@@ -178,8 +172,8 @@ def check_output(target: Path, frames: HeadFrames, video: VideoOptions) -> Path:
     refuse_overwrite([target] if frames.is_clip else _image_files(target, frames), inputs)
     suffix = target.suffix.lower()
     if frames.is_clip:
-        if suffix not in SPHERE_SUFFIXES:
-            raise ValueError(f"{target}: a stitched clip is written as {', '.join(SPHERE_SUFFIXES)}")
+        if suffix not in MP4_SUFFIXES:
+            raise ValueError(f"{target}: a stitched clip is written as {', '.join(MP4_SUFFIXES)}")
         video.codec_of(target)
     elif len(frames.sources) > 1:
         if suffix and not target.is_dir():

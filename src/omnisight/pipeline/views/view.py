@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from omnisight.camera import Camera
 from omnisight.display import Displayed
 from omnisight.formats import save
-from omnisight.images import collect_images, read_image, write_bytes, write_image
+from omnisight.images import collect_images, decode_image, read_bytes, write_bytes, write_image
 from omnisight.images.output_paths import check_output_folder, output_paths, refuse_overwrite
-from omnisight.images.view_tags import read_view_tags
+from omnisight.images.view_tags import view_tags
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
 from omnisight.pipeline.views.view_encoding import encode_view
 from omnisight.pipeline.views.view_options import ViewOptions
@@ -171,15 +171,17 @@ def view_images(
     for i, path in enumerate(paths):
         progress("view", i, len(paths))
         try:
-            image = read_image(path, apply_exif=first.apply_exif)
+            data = read_bytes(path)
+            image = decode_image(data, path.name, apply_exif=first.apply_exif)
         except ValueError as error:  # one unusable image does not stop the others
             if len(paths) == 1:
                 raise
             for each in written:
                 each.errors.append(str(error))
             continue
+        tags = view_tags(data)
         for each in written:
-            each.write(image, i, path)
+            each.write(image, i, path.name, tags)
     progress("view", len(paths), len(paths))
     results = tuple(each.result() for each in written)
     render = written[0].renderer
@@ -219,9 +221,9 @@ class _ImageView:
             raise ValueError(skipped_message(self.errors, len(self.files)))
         return self._renderer
 
-    def write(self, image: NDArray[Any], index: int, path: Path) -> None:
+    def write(self, image: NDArray[Any], index: int, name: str, tags: bytes) -> None:
         """Write the view of an image, with its tags; raise `ValueError` only if it is the only one."""
-        file, name = self.files[index], path.name
+        file = self.files[index]
         try:
             if self._renderer is None:
                 size = image.shape[1], image.shape[0]
@@ -229,7 +231,7 @@ class _ImageView:
             view = self._renderer(image, name)
             if len(self.files) > 1:
                 file.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(file, encode_view(view, file.name, self._renderer.target, read_view_tags(path)))
+            write_bytes(file, encode_view(view, file.name, self._renderer.target, tags))
             self._written.append(file)
         except ValueError as error:
             if len(self.files) == 1:

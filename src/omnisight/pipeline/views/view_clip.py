@@ -17,7 +17,6 @@ from omnisight.display import Displayed
 from omnisight.images import Clip
 from omnisight.images.output_paths import refuse_overwrite
 from omnisight.images.planes import Yuv
-from omnisight.images.spherical_video import SPHERE_SUFFIXES
 from omnisight.images.video_writer import VideoWriter
 from omnisight.parallel import prefetch
 from omnisight.pipeline.inputs.central_camera import AnyCameraSource, camera_of_image, central_camera
@@ -113,15 +112,7 @@ def view_clip(
     count = 0
     with ExitStack() as stack:
         writers = [
-            stack.enter_context(
-                VideoWriter(
-                    file,
-                    view.size,
-                    source_clip,
-                    video,
-                    is_sphere=view.is_sphere and file.suffix.lower() in SPHERE_SUFFIXES,
-                )
-            )
+            stack.enter_context(VideoWriter(file, view.size, source_clip, video, is_sphere=view.is_sphere))
             for file, view in zip(files, rendered, strict=True)
         ]
         for frame in stack.enter_context(closing(prefetch(source_clip.frames(limit=None)))):

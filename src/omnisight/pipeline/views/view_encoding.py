@@ -13,8 +13,10 @@ from omnisight.images.write import encode_image
 from omnisight.models.equirectangular import Equirectangular
 
 
-def encode_view(view: NDArray[Any], name: str, target: Camera, tags: bytes) -> bytes:
-    """Return the bytes of an image file of a view.
+def encode_view(
+    view: NDArray[Any], name: str, target: Camera, tags: bytes, *, heading: float | None = None, is_level: bool = False
+) -> bytes:
+    """Return the bytes of an image file of a view, or of a stitched sphere.
 
     Parameters
     ----------
@@ -26,10 +28,12 @@ def encode_view(view: NDArray[Any], name: str, target: Camera, tags: bytes) -> b
         Camera of the view; JPEG files of equirectangular ones get GPano tags.
     tags
         Those of the photo, of `omnisight.images.view_tags`.
+    heading, is_level
+        As of `omnisight.images.gpano.with_gpano`.
     """
     data, part = encode_image(view, name), sphere_part(target)
     if part is not None and Path(name).suffix.lower() in (".jpg", ".jpeg"):
-        data = with_gpano(data, target.size, part=part)
+        data = with_gpano(data, target.size, part=part, heading=heading, is_level=is_level)
     return with_view_tags(data, tags)
 
 
