@@ -67,7 +67,7 @@ def parallel_for(work: Callable[[int, int], Any], count: int, grain: int) -> Non
         future.result()
 
 
-def in_background(work: Callable[[Argument], Result], argument: Argument) -> "Future[Result]":
+def in_background(work: Callable[[Argument], Result], argument: Argument) -> Future[Result]:
     """Start work(argument) on another thread; at once on this one if there is only one thread."""
     if _free_threads() > 1:
         return _pool(os.getpid()).submit(work, argument)

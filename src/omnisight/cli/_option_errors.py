@@ -16,7 +16,7 @@ from cyclopts import (
 PROGRAM_OPTIONS, HELP = ("help", "version", "install-completion"), "help"
 # Types of numbers in messages.
 NUMBERS: dict[object, str] = {int: "an integer", float: "a number"}
-# Other names of codecs, of which close ones would be other codecs.
+# Other names of codecs: the closest of ours may be another codec, h264 for h265.
 CODECS = {"h265": "hevc", "h.265": "hevc", "x265": "hevc", "avc": "h264", "h.264": "h264", "x264": "h264"}
 
 

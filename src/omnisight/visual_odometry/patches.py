@@ -145,7 +145,6 @@ class Textures:
         if len(rows) < count:
             more = max(count - len(rows), len(self.usable))
             rows = np.append(rows, np.arange(len(self.usable), len(self.usable) + count - len(rows)))
-            for name in ("templates", "gradients", "inverses", "affine", "usable"):
-                rows_of = getattr(self, name)
-                setattr(self, name, np.concatenate([rows_of, np.zeros((more, *rows_of.shape[1:]), rows_of.dtype)]))
+            for name, values in vars(self).copy().items():
+                setattr(self, name, np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)]))
         return rows
