@@ -5,7 +5,7 @@ import weakref
 import pytest
 from cli_scene import damage_image, file_names
 
-from omnisight.images import read_image
+from omnisight.images import decode_image
 
 
 def test_several_views_read_each_image_once(run, folder, camera_file, tmp_path, monkeypatch):
@@ -16,14 +16,14 @@ def test_several_views_read_each_image_once(run, folder, camera_file, tmp_path, 
         assert run("view", folder, "--camera", camera_file, *single)[0] == 2
     read, alive = [], []
 
-    def read_once(path, **keywords):
-        image = read_image(path, **keywords)
-        read.append(path.name)
+    def read_once(data, name, **keywords):
+        image = decode_image(data, name, **keywords)
+        read.append(name)
         alive.append(weakref.ref(image))
         assert sum(ref() is not None for ref in alive) <= 2  # the one before is replaced afterwards
         return image
 
-    monkeypatch.setattr("omnisight.pipeline.views.view.read_image", read_once)
+    monkeypatch.setattr("omnisight.pipeline.views.view.decode_image", read_once)
     several = [word for to, yaw, size in options for word in ("--to", to, "--yaw", yaw, "--size", size)]
     outputs = [word for k in range(3) for word in ("-o", tmp_path / f"several{k}")]
     status, said, err = run("view", folder, "--camera", camera_file, *several, *outputs)
